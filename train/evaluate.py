@@ -104,11 +104,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     learned = learned_names(name for name in found if name in policies)
     world = config.scenario, learned, numbers["seed"], config.changes
     played = Comparison(summarize(scores, *world, given.baseline), scores, learned)
-    print(played)
     path = target
     try:
         if target is not None:
             write_json(target, played.result)
+        print(played)
         path = picture
         if picture is not None:
             from train.reporting.figures import plot_comparison

@@ -29,12 +29,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         config = to_play(run_dir.load_config())
         _check_target(run_dir.report)
         # JAX takes seconds to import; bad options are refused before.
+        from train.runs.logs import read_rows
         from train.runs.policies import check_episodes, load_policies
 
         env, params, policies = load_policies(run_dir.path, config)
         if not env.config.num_ramps:
             raise InputError("num_ramps is 0, allowed: a run with ramps to send MEDs from")
         check_episodes(numbers["episodes"], len(policies))
+        read_rows(run_dir.metrics)  # refuses a damaged file
     except InputError as error:
         return fail("python -m train.report", error)
     say_unneeded("train.report", given)

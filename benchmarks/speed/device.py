@@ -28,7 +28,8 @@ COMMANDS = {
     "kernels": "benchmarks.kernels",
     "training": "benchmarks.training --num-envs 256 --total-timesteps 1500000",
     "training_wide": "benchmarks.training --num-envs 8192 --total-timesteps 60000000",
-    "tests": "pytest -q -n 14 --dist loadfile tests/physics tests/numerics tests/traffic",
+    "tests": "pytest -q -n 14 --dist loadfile tests/physics tests/numerics tests/traffic tests/charging tests/env "
+    "tests/test_precision.py",
 }
 # Several test processes share the GPU, and no process needs more memory than it uses.
 SHARE_MEMORY = {"XLA_PYTHON_CLIENT_PREALLOCATE": "false"}

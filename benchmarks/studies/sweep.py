@@ -29,6 +29,7 @@ from medjax.policies.policy import Policy
 from medjax.policies.team import rules_of
 from train.algorithms.environments import check_environment, make_environment
 from train.algorithms.networks import PolicyWeights
+from train.algorithms.policy_prior import starts_from_rule
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
 from train.evaluation.statistics import plain
@@ -46,6 +47,7 @@ VARIED = (
     "value_coef",
     "max_grad_norm",
     "sharpening",
+    "rule_sharpness",
 )
 UNUSED = ("checkpoint_interval", "keep_checkpoints", "updates_per_call", "force")
 Numbers = dict[str, float]  # varied settings by name
@@ -103,7 +105,7 @@ def with_settings(config: PPOConfig, numbers: Mapping[str, Any]) -> PPOConfig:
 def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> Trained:
     """Trains a learner for each row of numbers and each of `config.num_seeds` seeds.
 
-    The axes of the weights begin with `(rows, seeds)`, those of the curve end with them.
+    The axes of the weights begin with `(rows, seeds)`, those of the curve end with them, and `finite` has these alone.
     """
     config = config.for_episodes(episode_decisions(params))  # before its numbers are traced
     build, seeds = algorithm_of(config).build_learner, config.num_seeds
@@ -114,7 +116,7 @@ def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> 
         name: jnp.repeat(jnp.asarray([row[name] for row in rows], jnp.float32), seeds)
         for name in rows[0]
     }
-    weights, start, curve = train_learners(
+    weights, start, curve, finite = train_learners(
         # Building reads the length of an episode from params, which must not be traced.
         lambda own: build(env, params, with_settings(config, own)),
         lambda given, _: given,
@@ -125,36 +127,53 @@ def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> 
     )
     split = lambda leaf: leaf.reshape(len(rows), seeds, *leaf.shape[1:])  # noqa: E731
     weights, start = (jax.tree.map(split, jax.device_get(tree)) for tree in (weights, start))
-    return Trained(weights, start, curve.reshape(-1, len(rows), seeds))
+    return Trained(
+        weights, start, curve.reshape(-1, len(rows), seeds), finite.reshape(len(rows), seeds)
+    )
 
 
 def play(
-    env: Any, params: Any, config: PPOConfig, learned: Trained
-) -> tuple[dict[str, list[list[Scores]]], dict[str, Scores]]:
-    """Plays the same episodes with every learner, the first seed's initial policy, and the rules.
+    env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers], learned: Trained
+) -> tuple[dict[str, list[list[Scores]]], dict[str, list[Scores]], dict[str, Scores]]:
+    """Plays the same episodes with every learner, the first seed's initial policies, and the rules.
 
     Returns:
-      Scores of the learners by name and then `[row][seed]`, most probable and sampled; and of the others by name.
+      Scores by name, most probable and sampled: of learners `[row][seed]`, of the initial policies `[row]`; and of the
+      rules.
     """
+    own_numbers: Sequence[Mapping[str, Any]] = rows
+    configs = [dataclasses.replace(config, **own) for own in own_numbers]
 
-    def ways(name: str, weights: PolicyWeights, *index: int) -> dict[str, Policy]:
+    def ways(weights: PolicyWeights, row: int, seed: int) -> dict[str, Policy]:
         """One network, most probable and sampled."""
-        own = jax.tree.map(lambda leaf: leaf[index], weights)
-        policy = partial(algorithm_of(config).policy, env, config, own)
-        return {name: policy(), name + SAMPLED: policy(stochastic=True)}
+        own = jax.tree.map(lambda leaf: leaf[row, seed], weights)
+        policy = partial(algorithm_of(config).policy, env, configs[row], own)
+        return {LEARNER: policy(), LEARNER + SAMPLED: policy(stochastic=True)}
 
-    episodes, (count, seeds) = config.eval_episodes, learned.curve.shape[1:]
-    evaluation = Evaluation(env, params, ways(LEARNER, learned.weights, 0, 0), episodes)
-    found: dict[str, list[list[Scores]]] = {
-        name: [[] for _ in range(count)] for name in evaluation.names
-    }
-    pairs = list(itertools.product(range(count), range(seeds)))
-    for index in tqdm(pairs, "learners", disable=None, leave=False):
-        policies = ways(LEARNER, learned.weights, *index)
-        for name, score in evaluation.play(policies, config.seed).items():
-            found[name][index[0]].append(score)
-    others = ways(START, learned.start, 0, 0) | rules_of(env)
-    return found, evaluate_policies(env, params, others, episodes, config.seed)
+    found: dict[str, list[list[Scores]]] = {LEARNER: [], LEARNER + SAMPLED: []}
+    starts: dict[str, list[Scores]] = {START: [], START + SAMPLED: []}
+    # A network holds the rule that it starts from. So each sharpness of the rule has a program and a start.
+    of_rules: dict[float, tuple[Evaluation, dict[str, Scores]]] = {}
+    for row, own in enumerate(tqdm(configs, "settings", disable=None, leave=False)):
+        learners = [ways(learned.weights, row, seed) for seed in range(learned.curve.shape[2])]
+        if own.rule_sharpness not in of_rules:
+            program = Evaluation(env, params, learners[0], config.eval_episodes)
+            start = program.play(ways(learned.start, row, 0), config.seed)
+            of_rules[own.rule_sharpness] = program, start
+        program, start = of_rules[own.rule_sharpness]
+        scores = [program.play(policies, config.seed) for policies in learners]
+        for name, of_rows in found.items():
+            of_rows.append([score[name] for score in scores])
+        for name, of_starts in starts.items():
+            of_starts.append(start[name.replace(START, LEARNER, 1)])
+    rules = rules_of(env)  # none for an environment of one's own
+    if rules:
+        return (
+            found,
+            starts,
+            evaluate_policies(env, params, rules, config.eval_episodes, config.seed),
+        )
+    return found, starts, {}
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -173,11 +192,17 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     combinations(config, varied)  # refuses before anything is compiled
     check_environment(config)
     env, params = make_environment(config)
+    if "rule_sharpness" in varied and not starts_from_rule(env, config):
+        raise InputError("--vary rule_sharpness: allowed where the first policy is the rule's")
     config = config.for_episodes(episode_decisions(params))
     rows = combinations(config, varied)
     learned = learn(env, params, config, rows)
-    played, others = play(env, params, config, learned)
-    found = describe(rows, played, others, config.seed)
+    played, starts, rules = play(env, params, config, rows, learned)
+    found = describe(rows, played, starts[START], config.seed)
+    lost = (~learned.finite).sum(axis=1)
+    for row, count in zip(found, lost, strict=True):
+        row["not_finite"] = int(count)
+    others = {name: of_rows[0] for name, of_rows in starts.items()} | rules
     decisions = config.num_updates * config.steps_per_update
     print(
         f"{len(rows)} settings x {config.num_seeds} seeds on {config.scenario}, {decisions:,} decisions each; "
@@ -185,6 +210,11 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         format_rows(table(found)),
         "",
         format_rows(other_rows(others, config.seed)),
+        *(
+            f"{row['settings']}: {row['not_finite']} of {config.num_seeds} learners did not stay finite"
+            for row in found
+            if row["not_finite"]
+        ),
         sep="\n",
     )
     return {

@@ -14,7 +14,7 @@ from train.evaluation.statistics import (
     interquartile_mean,
     seeds_ci95,
 )
-from train.evaluation.tables import SAMPLED, START
+from train.evaluation.tables import SAMPLED
 from train.reporting.figures import new_figure, save
 
 LEARNER = PPOConfig.algorithm
@@ -23,13 +23,13 @@ LEARNER = PPOConfig.algorithm
 def describe(
     rows: Sequence[Mapping[str, float]],
     played: Mapping[str, Sequence[Sequence[Scores]]],
-    others: Mapping[str, Scores],
+    starts: Sequence[Scores],
     seed: int,
 ) -> list[dict[str, Any]]:
     """A row of the report for each combination.
 
-    Differences are in the same episodes; `minus_start` is from the first seed's initial policy. Intervals are over
-    seeds and episodes.
+    Differences are in the same episodes; `minus_start` is from the first seed's initial policy with the row's numbers,
+    `starts`. Intervals are over seeds and episodes.
     """
     returns, sampled = (
         np.array([[score["return"] for score in seeds] for seeds in played[LEARNER + end]])
@@ -51,7 +51,7 @@ def describe(
                 "sampled": over_seeds(sampled[index]),
                 "minus_sampled": over_seeds(returns[index] - sampled[index]),
                 "minus_default": over_seeds(returns[index] - returns[0]),
-                "minus_start": over_seeds(returns[index] - others[START]["return"]),
+                "minus_start": over_seeds(returns[index] - starts[index]["return"]),
                 "probability_of_improvement": {"mean": better, "ci95": list(ends)},
             }
         )
@@ -85,7 +85,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
 
 def other_rows(others: Mapping[str, Scores], seed: int) -> list[list[str]]:
-    """Returns of the initial policy and the rules as cells, the best first."""
+    """Returns of the default's initial policy and the rules as cells, the best first."""
     means = sorted(others.items(), key=lambda item: -item[1]["return"].mean())
     cells = [[name, format_estimate(estimate(score["return"], seed))] for name, score in means]
     return [["not learned", "return, 95 % CI"], *cells]

@@ -31,6 +31,7 @@ from benchmarks.verification.cases import (
 from benchmarks.verification.evidence import explain
 from benchmarks.verification.invariants import INVARIANTS
 from benchmarks.verification.random_worlds import as_settings, world_of
+from medjax.commandline import signal_of
 from medjax.env.charging_env import ChargingEnv
 from medjax.errors import InputError
 
@@ -113,14 +114,16 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     start = time.perf_counter()
     rows: list[dict[str, Any]] = []
     found: list[Violation] = []
+    stopped_by: int | None = None  # the signal that ended it early
     try:
         for number in range(options.cases):
             _pass(f"case {number}: compiling ...")
             case = Case(options.seed, number, options.num_envs)
             for violations in play(case, options.updates / options.cases, rows):
                 found += violations
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         print("\nstopped")
+        stopped_by = signal_of(error)
     report = {
         "seed": options.seed,
         "updates": sum(row["updates"] for row in rows),
@@ -129,6 +132,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "violations": {name: sum(v.counts.get(name, 0) for v in found) for name in INVARIANTS},
         "commands": [violation.command() for violation in found],
         "cases": rows,
+        "stopped_by": stopped_by,
         **machine(),
     }
     print(f"\n{report['updates']:,} vehicle updates in {report['wall_s']:.0f} s; violations:")
@@ -138,7 +142,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command; its exit code is 1 if anything was violated."""
+    """The command; its exit code is 1 if anything was violated, else 128 and the signal if one stopped it early."""
     parser = benchmark_parser("soak", __doc__)
     above_0 = a_number("a number above 0", lambda value: value > 0.0)
     parser.add_argument("--updates", type=above_0, default=1e9, help="total vehicle updates")
@@ -152,4 +156,5 @@ def main(arguments: list[str] | None = None) -> None:
     again.add_argument("--environment", type=natural, metavar="E", help=environment)
     again.add_argument("--episode", type=natural, default=0, help="episode of the environment")
     report = run_command(parser, measure, arguments)
-    sys.exit(bool(report["commands"]))
+    early = report["stopped_by"]
+    sys.exit(1 if report["commands"] else 0 if early is None else 128 + early)

@@ -16,12 +16,13 @@ def required_range(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> 
     """Distance for which each EV's charge should last, `(E,)` m.
 
     It is the distance to the EV's exit. An EV that drives to the road's end has no exit, and its charge should last to
-    that end and for at least `eco_horizon_m`.
+    that end and for at least `eco_horizon_m`. With an infinite `eco_horizon_m` no charge is enough, wherever EVs go.
     """
+    horizon_m = params.drivers.eco_horizon_m
     destination = vehicles.destination[config.ev_slots]
     left = destination - vehicles.x[config.ev_slots]
-    beyond = jnp.maximum(left, params.drivers.eco_horizon_m)
-    return jnp.where(destination < params.road.length_m, left, beyond)
+    has_exit = (destination < params.road.length_m) & jnp.isfinite(horizon_m)
+    return jnp.where(has_exit, left, jnp.maximum(left, horizon_m))
 
 
 def lasting_speed(

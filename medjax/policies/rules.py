@@ -73,13 +73,16 @@ def random(env: Environment) -> Policy:
 
 
 def periodic(env: Environment) -> Policy:
-    """Spreads the fleet evenly over the episode, ramp after ramp."""
+    """Spreads the fleet evenly over the episode, ramp after ramp; passes over ramps that cannot send."""
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
         sent = state.stats.meds_dispatched.astype(jnp.int32)
         due = state.time * params.fleet.size >= sent * params.episode_decisions
-        ramp = 1 + sent % env.config.num_ramps if env.config.num_ramps else 0
-        return jnp.where(due & mask[ramp], ramp, 0)
+        ramps = 1 + (sent + jnp.arange(env.config.num_ramps)) % max(env.config.num_ramps, 1)
+        if not env.config.num_ramps:
+            return jnp.zeros((), jnp.int32)
+        allowed = mask[ramps]
+        return jnp.where(due & allowed.any(), ramps[jnp.argmax(allowed)], 0)
 
     return _of_highway(env, act)
 

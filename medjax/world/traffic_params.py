@@ -199,7 +199,11 @@ class LaneChangeParams(struct.PyTreeNode):
         "incentive of a mandatory change; chosen: outweighs any other incentive, but never safety",
     )
     urgency_bias: Scalar = number(
-        10.0, 0, 1000, "m/s2", "additional incentive at the end of an acceleration lane; chosen"
+        10.0,
+        0,
+        1000,
+        "m/s2",
+        "additional incentive for a lane change that must be made, such as a merge; chosen",
     )
     accepted_headway: Scalar = number(
         0.56, 0.1, 10, "s", "accepted by the most urgent change; Schakel, Knoop, van Arem 2012"

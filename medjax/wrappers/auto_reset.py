@@ -80,7 +80,8 @@ class BatchAutoReset:
 
         Returns:
             obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. In addition to the
-            environment's info: `final_observation` (before any reset) and `cut_short` (see `stagger`).
+            environment's info: `final_observation` (before any reset) and `cut_short` (see `stagger`). An
+            `action_mask` is that of the state after the reset.
         """
         step_keys, reset_keys = split_each(keys)
         step = jax.vmap(self.env.step_env, (0, 0, 0, None))
@@ -93,7 +94,10 @@ class BatchAutoReset:
         info = {**info, "final_observation": obs, "cut_short": cut_short}
         with jax.named_scope("auto_reset"):
             obs, env_state = self._restart(self._shared(reset_keys), done, obs, env_state, params)
-        return obs, BatchState(env_state, cut_in), reward, terminated, truncated, info
+        after = BatchState(env_state, cut_in)
+        if "action_mask" in info:
+            info["action_mask"] = self.action_mask(after, params)
+        return obs, after, reward, terminated, truncated, info
 
     def action_mask(self, state: BatchState, params: Params) -> jax.Array:
         """`(num_envs, num_actions)` bool, True where the action is allowed."""

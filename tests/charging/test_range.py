@@ -95,6 +95,11 @@ def test_which_drivers_slow_down(started, paper):
     expected = set(range(config.num_evs)) - {1, 2, 3, 4}
     assert set(slower - slots.start) == expected
     np.testing.assert_allclose(ours[slower], np.minimum(own[slower], 18.0))
+    # An infinite horizon is for all, also for those who have an exit.
+    vehicles = state.vehicles.replace(destination=jnp.full_like(x, 3600.0))
+    np.testing.assert_allclose(required_range(vehicles, config, params), 100.0)
+    drivers = params.drivers.replace(eco_horizon_m=jnp.float32(jnp.inf))
+    assert np.isinf(required_range(vehicles, config, params.replace(drivers=drivers))).all()
     further = params.replace(drivers=params.drivers.replace(eco_horizon_m=jnp.float32(1e9)))
     far = np.asarray(apply_eco_speed(state, config, further).vehicles.desired_speed)
     assert set(np.flatnonzero(far < own) - slots.start) == expected | {1}

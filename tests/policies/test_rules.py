@@ -89,6 +89,15 @@ def test_periodic_spreads_the_fleet(episodes):
         np.testing.assert_array_equal(row[when], 1 + np.arange(15) % 4)
 
 
+@pytest.mark.thorough
+def test_periodic_passes_over_ramps_whose_depot_is_empty():
+    """Ramps 1 and 2 share a depot of five, which is empty first."""
+    env, params = medjax.make("paper", num_depots=3, num_evs=4, num_gas=8)
+    rules = {"periodic": medjax.BASELINES["periodic"](env)}
+    sent = evaluate_policies(env, params, rules, 2)["periodic"]["meds_dispatched"]
+    np.testing.assert_array_equal(sent, 15.0)
+
+
 def test_paced_sends_from_the_first_ramp(episodes):
     """One every 32 decisions until all 15 are sent."""
     action, _, _ = episodes["paced"]

@@ -108,6 +108,10 @@ def test_settings_name_given_agents(central):
     assert rebuilt
     assert config.agents == ("mappo" if central else "ippo")
     assert config.for_episodes(150).total_timesteps == 500_000  # not a dispatcher's ten million
+    # Numbers of one's own cannot be rebuilt, but agents remain agents.
+    doubled = jax.tree.map(lambda leaf: leaf * 2, params.fleet)
+    own, rebuilt = described(env, params.replace(fleet=doubled), PPOConfig())
+    assert (rebuilt, own.scenario, own.agents) == (False, "paper-own", config.agents)
     again, numbers = make_environment(config)
     assert (again.actions, again.view, again.credit) == (env.actions, env.view, "own")
     assert again.config == env.config

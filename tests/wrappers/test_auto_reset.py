@@ -62,6 +62,28 @@ def test_equals_single_environments_stepped_one_by_one(pool):
     assert len(reset_obs) >= 2 * NUM
 
 
+class Gated(Probe):
+    """Action 1 is allowed at the beginning of an episode only, and info says so."""
+
+    def action_mask(self, state, params):
+        return jnp.array([True, False]).at[1].set(state.time == 0)
+
+    def step_env(self, key, state, action, params):
+        obs, state, *ends, info = super().step_env(key, state, action, params)
+        return obs, state, *ends, info | {"action_mask": self.action_mask(state, params)}
+
+
+def test_the_mask_in_info_is_that_of_the_state_that_is_returned():
+    """Where an episode ended, that of the next one."""
+    env = BatchAutoReset(Gated("noisy"))
+    began = 0
+    for _, _, _, _, after, *_, info in play(env, 8):
+        np.testing.assert_array_equal(info["action_mask"], env.action_mask(after, PARAMS))
+        np.testing.assert_array_equal(info["action_mask"][:, 1], after.env.time == 0)
+        began += int((after.env.time == 0).sum())
+    assert began == 2 * NUM
+
+
 def test_staggering_spreads_the_ends_and_cuts_only_the_first_episodes():
     history = play(BatchAutoReset(ENV, stagger=4), 12, num_envs=64)
     truncated = np.array([step[7] for step in history])

@@ -9,6 +9,7 @@ import jax
 import medjax
 from medjax.agents import agents_of
 from medjax.commandline import read_object
+from medjax.env.agents.view import AgentView
 from medjax.env.contract import Environment
 from medjax.env.observation import OBSERVATIONS
 from medjax.env.reward import REWARDS
@@ -67,6 +68,8 @@ def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, 
         about = about_of(env, params, config.decide_every)
     except InputError:
         how |= {"scenario": f"{env.name}-own", "overrides": {}}
+        if isinstance(env.observation, AgentView):
+            how["agents"] = "ippo" if env.observation.road is None else "mappo"
         return dataclasses.replace(config, **how), False
     how |= {"scenario": about.scenario, "overrides": dict(about.overrides)}
     if not about.agents:

@@ -60,12 +60,17 @@ def tells_ramps(env: Any) -> bool:
     return isinstance(env.observation, RoadProfile) and 0 < ramps == env.config.num_ramps
 
 
+def starts_from_rule(env: Any, config: TrainConfig) -> bool:
+    """Whether the first policy is that of the rule: the setting says so, and observations tell what the rule reads."""
+    of_agents = isinstance(env.observation, AgentView) and env.config.num_ramps > 0
+    return config.policy_prior == "rule" and (tells_ramps(env) or of_agents)
+
+
 def _of_dispatcher(env: Any, config: TrainConfig) -> Prior:
-    """Follows the rule `budgeted` if the setting says so and the observation tells what it reads; else mostly waits."""
+    """Follows the rule where the policy starts from it; else mostly waits."""
     layout = env.observation
-    of_agent = isinstance(layout, AgentView)
-    ramps = env.config.num_ramps if of_agent else env.num_actions - 1
-    if config.policy_prior == "rule" and (tells_ramps(env) or (of_agent and ramps)):
+    ramps = env.config.num_ramps if isinstance(layout, AgentView) else env.num_actions - 1
+    if starts_from_rule(env, config):
         env_config, budget = env.config, tuned_budget(env)
 
         def like_rule(obs: jax.Array) -> jax.Array:

@@ -55,7 +55,7 @@ def summarize(
         `ci95`: `paired_return_difference` from every other policy, and `change_against_none` of metrics, as a share.
         Several training seeds add `training_seeds`: `return_means`, `interquartile_mean`, `ci95`, and each learner's
         own `paired_return_differences`. Intervals are over episodes; those of a mean over training seeds also over
-        seeds.
+        seeds, and `training_seeds.ci95` over seeds alone.
     """
     result: dict[str, Any] = {
         "policies": {name: _entry(score, seed) for name, score in scores.items()},

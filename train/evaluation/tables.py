@@ -125,9 +125,10 @@ def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     """
     other, differences = result.get("baseline"), result.get("difference_from_baseline", {})
     few = f"{result['episodes']} episodes"
-    if other is None and (ours := result.get("paired_return_difference")):
-        other = next(name for name in _not_sampled(result) if name in ours)
-        differences = {trained(learned): ours[other]}
+    if other is None:
+        ours = result.get("paired_return_difference", {})
+        other = next((name for name in _not_sampled(result) if name in ours), None)
+        differences = {trained(learned): ours[other]} if other is not None else {}
         few = f"{len(learned)} seeds and {few}" if len(learned) > 1 else few
     lines = []
     for name, difference in differences.items():

@@ -64,7 +64,10 @@ def lost(minutes: Mapping[str, float], duration: str) -> str:
 
 
 def learning(returns: np.ndarray, seed: int) -> str:
-    """States whether a learning curve rises, from its last quarter against the first and against the third.
+    """States whether a learning curve rises.
+
+    It compares the last quarter of the updates with the first and with the third, or, where quarters are too short, the
+    last half with the first.
 
     Args:
         returns: (updates,) mean returns in order.
@@ -73,15 +76,21 @@ def learning(returns: np.ndarray, seed: int) -> str:
     Returns:
         The sentence. A change counts if the interval of the difference of means excludes 0.
     """
-    size = len(returns) // 4
-    if size < FEWEST:
+    quarter, half = len(returns) // 4, len(returns) // 2
+    if half < FEWEST:
         return (
-            f"{len(returns)} updates in which an episode ended are too few to tell a trend, {4 * FEWEST} are needed: "
+            f"{len(returns)} updates in which an episode ended are too few to tell a trend, {2 * FEWEST} are needed: "
             "the comparison below says what was learned."
         )
-    last = returns[-size:]
-    whole = _trend(last - returns[:size], seed, "rises")
-    late = _trend(last - returns[-2 * size : -size], seed, "still rises")
+    if quarter < FEWEST:
+        halves = _trend(returns[-half:] - returns[:half], seed, "rises")
+        return (
+            f"The return {halves} from the first to the second half of the updates; {len(returns)} are too few to "
+            "compare quarters."
+        )
+    last = returns[-quarter:]
+    whole = _trend(last - returns[:quarter], seed, "rises")
+    late = _trend(last - returns[-2 * quarter : -quarter], seed, "still rises")
     quarters = "from the first to the last quarter of the updates"
     return f"The return {whole} {quarters}, and {late} from the third to the last."
 

@@ -82,11 +82,12 @@ class Checkpoints:
             there = ", ".join(map(str, self.all())) or "none"
             raise InputError(f"no checkpoint of update {update} is there, allowed: {there}")
 
-    def remove_after(self, update: int) -> None:
-        """Removes the checkpoints of later updates, which will be done again."""
-        for later in self.all():
-            if later > update:
-                self._path(later).unlink()
+    def remove_after(self, update: int) -> bool:
+        """Removes the checkpoints of later updates, which will be done again. Returns whether there were any."""
+        later = [each for each in self.all() if each > update]
+        for each in later:
+            self._path(each).unlink()
+        return bool(later)
 
     def restore(self, expected: TrainState, step: int | None = None) -> TrainState:
         """Reads a checkpoint as NumPy arrays, for `to_devices`.

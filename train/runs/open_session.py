@@ -19,6 +19,7 @@ from train.algorithms.environments import make_environment
 from train.algorithms.programs import make_train, shapes_of
 from train.runs.arguments import Request
 from train.runs.checkpoint import Checkpoints, ShapeError, updates_done
+from train.runs.logs import read_rows
 from train.runs.policies import check_episodes
 from train.runs.processes import is_first, join, together
 from train.runs.run_directory import RunDir, check_unused, new_run_dir
@@ -26,6 +27,8 @@ from train.runs.session import Session
 from train.settings import TrainConfig, to_json
 
 FLOAT = 4  # bytes
+# With others, the same weights would be another policy; a run's initial policy is made anew from its seed.
+OF_THE_POLICY = ("activation", "policy_prior", "rule_sharpness", "initial_wait", "seed")
 NUMBERS_OF_A_CHOICE = 8  # in `train.algorithms.rollout.Trajectory`, besides observation and mask
 
 
@@ -92,6 +95,7 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         lock = held.enter_context(run_dir.lock()) if is_first() else None
         if update is not None:
             checkpoints.check(update)
+        read_rows(run_dir.metrics)  # refuses a damaged file
         if checkpoints.latest() is not None:
             saved = _restored(run_dir.load_config(type(config)), checkpoints, request, shapes)
         done = updates_done(saved) if saved is not None else 0
@@ -101,7 +105,8 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
             raise InputError(f"{what}, allowed: --total-timesteps above {steps}")
         if is_first():
             run_dir.update_config(config, done)
-            checkpoints.remove_after(done)
+            if checkpoints.remove_after(done):
+                run_dir.remove_results()
         held.pop_all()
     return run_dir, lock, saved
 
@@ -112,8 +117,8 @@ def _restored(
     """The checkpoint to resume from; if it does not fit, the error names the settings that were changed."""
     # Older runs kept 0 for a rollout of an episode of `paper`, whatever world they were in.
     before = before.for_episodes(before.choices_per_update * before.decide_every)
-    # Progress is counted in updates, which must stay alike.
-    for name in request.config.of_an_update:
+    # Progress is counted in updates, which must stay alike, and the weights must remain the same policy.
+    for name in (*request.config.of_an_update, *OF_THE_POLICY):
         given, kept = getattr(request.config, name), getattr(before, name)
         if given != kept:
             raise InputError(f"{name} {given}, which was {kept} until now, allowed: {kept}")

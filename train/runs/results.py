@@ -53,7 +53,6 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Compar
         The evaluation.
     """
     started = time.perf_counter()
-    run.run_dir.evaluation.unlink(missing_ok=True)  # it belongs to earlier weights
     _export(run)  # the policy is there even if the evaluation fails
     played = None
     if evaluation is not None:

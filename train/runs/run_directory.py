@@ -122,8 +122,13 @@ class RunDir:
                 path.unlink(missing_ok=True)
             self.path.rmdir()
 
+    def remove_results(self) -> None:
+        """Removes the closing evaluation and the summary, which belong to earlier weights."""
+        for path in (self.evaluation, self.summary):
+            path.unlink(missing_ok=True)
+
     def update_config(self, config: TrainConfig, update: int) -> None:
-        """Writes the settings that hold after `update`, and keeps the earlier ones.
+        """Writes the settings and versions that hold after `update`, and keeps the earlier ones.
 
         An update had the settings of the first `config-until-UPDATE.json` whose UPDATE is not before it, or else those
         of `config.json`.
@@ -137,14 +142,19 @@ class RunDir:
             numbers = {int(match[1]): path for match, path in named if match}
             later = [numbers[number] for number in sorted(numbers) if number >= update]
             ruled = later[0] if later else self.config
-            if load_config(ruled, type(config), given=self.given) != config:
+            if not self._holds(ruled, config):
                 until = self.path / f"config-until-{update}.json"
                 write_text(until, ruled.read_text(encoding="utf-8"))
                 later = [path for path in later if path != until]
-            if self.load_config(type(config)) != config:
+            if not self._holds(self.config, config):
                 self._save_config(config)
             for path in later:  # these updates will be done again
                 path.unlink()
+
+    def _holds(self, path: Path, config: TrainConfig) -> bool:
+        """Whether a file has these settings, and today's versions."""
+        same = load_config(path, type(config), given=self.given) == config
+        return same and json.loads(path.read_text(encoding="utf-8")).get("versions") == versions()
 
     def _save_config(self, config: TrainConfig) -> None:
         environment = {"environment": GIVEN} if self.given else {}

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.commandline import signal_of
+from medjax.episodes.runner import episode_decisions
 from medjax.episodes.scores import Evaluation
 from medjax.errors import one_line
 from medjax.numerics.compilation import compiled, computed, enable_compilation_cache
@@ -164,9 +165,13 @@ class Session:
         config, device = self.config, jax.devices()[0]
         seeds = f" x {config.num_seeds} seeds" if config.num_seeds > 1 else ""
         shared = f" in {jax.process_count()} processes" if jax.process_count() > 1 else ""
+        # Settings of a run in another world keep its length of a rollout.
+        episode = -(-episode_decisions(self.params) // config.decide_every)
+        cut = config.choices_per_update % episode if episode else 0
+        cuts = f" (an episode has {episode})" if cut else ""
         print(
             f"{'resuming' if self.resumed else 'training'} {config.scenario} in {self.run_dir.path}:"
-            f" {config.num_updates} updates of {config.num_envs} x {config.choices_per_update} choices{seeds},"
+            f" {config.num_updates} updates of {config.num_envs} x {config.choices_per_update} choices{cuts}{seeds},"
             f" {device.platform} {device.device_kind}{shared}, {self.takes}",
             flush=True,
         )
@@ -261,6 +266,7 @@ class Session:
     def _save(self, state: TrainState) -> None:
         plain = to_host(state)
         if is_first():
+            self.run_dir.remove_results()
             self.checkpoints.save(plain, self.config)
 
     def _newest(self) -> str:

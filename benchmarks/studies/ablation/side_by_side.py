@@ -16,9 +16,11 @@ from tqdm import tqdm
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.runner import episode_decisions
 from medjax.episodes.scores import MAX_DECISIONS, Scores, make_runner
+from medjax.errors import InputError
 from medjax.numerics.rows import in_blocks
 from medjax.policies.policy import Policy
 from medjax.world.params import EnvParams
+from train.algorithms.finite import BAD, QUANTITIES
 from train.algorithms.networks import PolicyWeights
 from train.algorithms.programs import shardings
 from train.algorithms.registry import algorithm_of
@@ -108,6 +110,8 @@ class Trained(NamedTuple):
     start: PolicyWeights  # before the first update
     # (updates, learners) mean return of the whole episodes that ended in an update; not finite without any
     curve: np.ndarray
+    # (learners,) bool, whether all that a learner computed was finite
+    finite: np.ndarray
 
 
 def train_learners(
@@ -136,7 +140,7 @@ def train_learners(
     def go_on(state: Any, params: EnvParams, numbers: Numbers) -> Any:
         def one(own: Any, numbers: Numbers) -> Any:
             own, metrics = learner_of(numbers).update(own, params_of(params, numbers))
-            return own, metrics["episode_return"]
+            return own, (metrics["episode_return"], metrics[BAD])
 
         # On a CPU the environments of one learner fill the cache.
         return in_blocks(lambda some: jax.vmap(one)(*some), (state, numbers), rows_at_once=1)
@@ -147,11 +151,14 @@ def train_learners(
         go_on, in_shardings=(where, None, None), out_shardings=(where, None), donate_argnums=0
     )
     state = init((keys, numbers), params)
-    first, curve = jax.device_get(state.weights), []
+    first, curve, bad = jax.device_get(state.weights), [], []
     for _ in tqdm(range(num_updates), "training", disable=None, leave=False):
-        state, returns = jax.block_until_ready(run(state, params, numbers))
+        state, (returns, first_bad) = jax.block_until_ready(run(state, params, numbers))
         curve.append(jax.device_get(returns))
-    return Trained(state.weights, first, np.reshape(curve, (num_updates, len(keys))))
+        bad.append(jax.device_get(first_bad))
+    by_update = (num_updates, len(keys))
+    finite = (np.reshape(bad, by_update) == len(QUANTITIES)).all(axis=0)
+    return Trained(state.weights, first, np.reshape(curve, by_update), finite)
 
 
 def train_worlds(
@@ -161,8 +168,15 @@ def train_worlds(
 
     Arguments are those of `play_worlds` and the settings of each learner. Every leaf of what they learned has an axis
     of worlds first.
+
+    Raises:
+      InputError: a learner's numbers did not stay finite.
     """
     learner = algorithm_of(config).build_learner(env, params, config)
     keys = jnp.repeat(jax.random.key(config.seed)[None], len(next(iter(numbers.values()))))
     same = keys, numbers, params, config.num_updates
-    return train_learners(lambda _: learner, with_numbers, *same).weights
+    learned = train_learners(lambda _: learner, with_numbers, *same)
+    if not learned.finite.all():
+        world = {name: float(each[np.argmin(learned.finite)]) for name, each in numbers.items()}
+        raise InputError(f"training did not stay finite with {world}, allowed: a smaller --lr")
+    return learned.weights

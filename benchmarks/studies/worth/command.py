@@ -34,7 +34,7 @@ from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.scenarios import prepare
 from medjax.world.presets import SCENARIOS
-from train.evaluation.tables import format_rows
+from train.evaluation.tables import START, format_rows
 from train.settings import TrainConfig
 
 CONTROLS = ("none", "slow")
@@ -43,9 +43,8 @@ RULES = ("greedy", "budgeted")
 
 def dispatchers_of(policies: dict[str, Policy]) -> dict[str, Policy]:
     """RULES and the learners of a run."""
-    return {
-        name: policy for name, policy in policies.items() if name in RULES or name not in BASELINES
-    }
+    others = {START, *BASELINES} - {*RULES}
+    return {name: policy for name, policy in policies.items() if name not in others}
 
 
 def conclusion(axes: Sequence[Axis], cells: Sequence[tuple[Point, Verdict]]) -> str:

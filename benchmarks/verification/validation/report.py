@@ -64,7 +64,7 @@ def table_by_demand(figures: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
 
 
 def table_of_ranges(checks: Sequence[dict[str, Any]], simulators: Sequence[str]) -> list[str]:
-    """Lines of a Markdown table of measurements beside their ranges; "(missed)" marks a value outside its range."""
+    """Lines of a Markdown table of measurements beside their ranges; "(outside)" marks a value outside its range."""
     lines = [f"| | {' | '.join(simulators)} | range | source |"]
     lines.append("|---" + "|---:" * len(simulators) + "|---|---|")
     for check in checks:
@@ -83,7 +83,7 @@ def _cell(measured: dict[str, Any]) -> str:
     text = shown(value, digits)
     if not math.isnan(measured["half_width"]):
         text += f" ± {shown(measured['half_width'], digits)}"
-    return f"{text} (missed)" if holds is False else text
+    return f"{text} (outside)" if holds is False else text
 
 
 def diagram_points(findings: Sequence[Findings]) -> dict[str, Any]:

@@ -111,10 +111,12 @@ class AgentsEnv(Wrapper):
         order_stats = order_stats.replace(invalid_actions=wrong.astype(jnp.float32))
         ordered = ordered.replace(stats=ordered.stats + order_stats)
         _, after, reward, *ends, info = self.env.step_env(key, ordered, action, params)
+        step_stats = info["step_stats"] + order_stats
         rewards = jnp.broadcast_to(reward, (self.num_agents,))
         if self.credit == "own":
             rewards = self._own_rewards(state, after, params)
         info |= {"rewards": rewards, "action_mask": self.action_mask(after, params)}
+        info |= {"step_stats": step_stats, "tally": step_stats}
         info["metrics"] = info["metrics"] | agents_metrics(after.stats)
         return self.get_obs(after, params), after, reward, *ends, info
 
@@ -122,7 +124,12 @@ class AgentsEnv(Wrapper):
         """Change in charge of each MED's EVs, `(A,)` packs; counts EVs on the road both before and after."""
         slots = self.env.config.ev_slots
         agents = jnp.arange(self.num_agents)[:, None]
-        stayed = before.vehicles.active[slots] & after.vehicles.active[slots]
+        was, now = (
+            jax.tree.map(lambda leaf: leaf[slots], each.vehicles) for each in (before, after)
+        )
+        # A newcomer may have taken the slot of an EV that left; nobody drives backwards, or changes the desired speed.
+        same = (now.x >= was.x) & (now.desired_speed == was.desired_speed)
+        stayed = was.active & now.active & same
         ours = [(each.evs.med == agents) & (each.evs.med != NOT_BOOKED) for each in (before, after)]
         change = scale_by(after.evs.energy_j - before.evs.energy_j, params.ev_capacity_j)
         return jnp.sum(jnp.where((ours[0] | ours[1]) & stayed, change, 0.0), axis=1)

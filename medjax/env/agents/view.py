@@ -56,8 +56,8 @@ class AgentView:
     - With several depots, the share of the fleet at each. For each ramp, what a MED from there would meet
       (`medjax.env.forecast.Need`), and the clock of `medjax.env.observation.Observation`.
 
-    Distances are in units of 500 m, at most 1; speeds in 30 m/s; slots and EVs in the number of slots of a MED. An
-    agent sees others only on the road or in the queue at a ramp.
+    Distances to others are in units of 500 m, at most 1, and those to exits are shares of the road; speeds in 30 m/s;
+    slots and EVs in the number of slots of a MED. An agent sees others only on the road or in the queue at a ramp.
 
     Attributes:
       num_evs: number of EVs in view, at most.

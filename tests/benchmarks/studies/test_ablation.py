@@ -1,5 +1,6 @@
 """Worlds in one program score and train as each does alone, and the commands report them."""
 
+import dataclasses
 import itertools
 import json
 
@@ -10,12 +11,20 @@ import pytest
 
 import medjax
 from benchmarks.studies.ablation import __main__ as ablation
-from benchmarks.studies.ablation.side_by_side import in_world, play_worlds, train_worlds
+from benchmarks.studies.ablation.side_by_side import (
+    in_world,
+    play_worlds,
+    train_learners,
+    train_worlds,
+)
 from benchmarks.studies.base import RULES, rules
 from medjax.episodes.scores import evaluate_policies
+from medjax.numerics.devices import environment_mesh
 from medjax.physics import link_efficiency, mutual_inductance
 from tests.benchmarks.refusal import refused
 from train import ppo
+from train.algorithms.algorithm import TrainState
+from train.algorithms.finite import BAD, QUANTITIES
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.programs import make_train
 from train.runs.policies import load_policies
@@ -78,6 +87,36 @@ def test_without_misalignment_every_link_is_nominal():
     # Not in every episode: panels that wander towards each other couple better than nominal ones.
     total = score["energy_delivered_kwh"].sum(axis=1) / sent.sum(axis=1)
     assert total[0] > total[1] > total[2]
+
+
+def test_a_learner_that_does_not_stay_finite_is_named():
+    """Even if its numbers recover; the others go on."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Learner:
+        """Its loss is not finite in one update."""
+
+        bad_at: jax.Array
+        mesh = environment_mesh(1, 1)
+        state = TrainState
+
+        def init(self, key, params):
+            return TrainState(jnp.zeros(2), jnp.zeros((1, 1)), key, jnp.int32(0))
+
+        def update(self, state, params):
+            bad = jnp.where(state.update == self.bad_at, QUANTITIES.index("loss"), len(QUANTITIES))
+            return state.replace(update=state.update + 1), {"episode_return": 1.0, BAD: bad}
+
+    learned = train_learners(
+        lambda own: Learner(own["bad_at"]),
+        lambda given, _: given,
+        jax.random.split(jax.random.key(0), 3),
+        {"bad_at": np.array([9.0, 1.0, 2.0])},
+        None,
+        3,
+    )
+    np.testing.assert_array_equal(learned.finite, [True, False, False])
+    np.testing.assert_array_equal(learned.curve, np.ones((3, 3)))
 
 
 @pytest.mark.slow
@@ -155,6 +194,7 @@ def test_weights_command(run, tmp_path, capsys):
         (["cooldown", "--values", "-1"], "-1"),
         (["cooldown", "--set", "nothing=1"], "nothing"),
         (["cooldown", "--run-dir", "nowhere"], "nowhere"),
+        (["cooldown", "--stochastic"], "--stochastic without --run-dir"),
         (["misalignment", "--plot", "plot.pdf"], "plot.pdf"),
         (["weights", "--dispatches", "--gas-delay"], "--gas-delay"),
         (["weights", "--decisions", "0"], "'0'"),

@@ -1,5 +1,6 @@
 """A sweep trains every learner as train.ppo does, refuses what cannot vary, and reports by hand-made scores."""
 
+import dataclasses
 import itertools
 import json
 
@@ -10,11 +11,13 @@ from scipy import stats
 
 import medjax
 from benchmarks.studies import sweep
-from benchmarks.studies.sweep import combinations, learn, read_vary
+from benchmarks.studies.sweep import combinations, learn, play, read_vary
 from benchmarks.studies.sweep_tables import describe, table
+from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
 from tests.benchmarks.refusal import refused
 from train import ppo
+from train.algorithms.ppo.learner import PPO
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.programs import make_train
 from train.evaluation.statistics import improvement_probability
@@ -30,7 +33,10 @@ def test_learners_are_those_of_train_ppo():
     """With the default and with other numbers, each seed; rounding differs between the programs."""
     config = PPOConfig(**SIZES, num_seeds=2, total_timesteps=160, overrides=SMALL, seed=5)
     env, params = medjax.make("paper", observation=config.observation, **SMALL)
-    rows = [{"learning_rate": 1e-3, "gamma": 1.0}, {"learning_rate": 3e-3, "gamma": 0.9}]
+    rows = [
+        {"learning_rate": 1e-3, "gamma": 1.0, "rule_sharpness": 4.0},
+        {"learning_rate": 3e-3, "gamma": 0.9, "rule_sharpness": 1.0},
+    ]
     learned = learn(env, params, config, rows)
     assert learned.curve.shape == (2, 2, 2)
     for index, numbers in enumerate(rows):
@@ -50,6 +56,33 @@ def test_learners_are_those_of_train_ppo():
     # The numbers matter.
     first, second = (learned.weights.params["params"]["logits_head"]["kernel"][i] for i in (0, 1))
     assert not np.allclose(first, second, atol=1e-4)
+
+
+@pytest.mark.thorough
+def test_a_learner_plays_with_the_rule_that_it_started_from():
+    """Its network adds to that rule's logits, so another row's network would play another policy."""
+    config = PPOConfig(**SIZES, total_timesteps=80, eval_episodes=6, overrides=SMALL)
+    env, params = medjax.make("paper", observation=config.observation, **SMALL)
+    rows = [{"rule_sharpness": 4.0}, {"rule_sharpness": 0.01}]
+    learned = learn(env, params, config, rows)
+    played, starts, _ = play(env, params, config, rows, learned)
+    weights, start = (
+        jax.tree.map(lambda leaf: leaf[1, 0], tree) for tree in (learned.weights, learned.start)
+    )
+    other, own = (dataclasses.replace(config, **row) for row in rows)
+    policies = {
+        "other": PPO.policy(env, other, weights, stochastic=True),
+        "own": PPO.policy(env, own, weights, stochastic=True),
+        "start": PPO.policy(env, own, start, stochastic=True),
+    }
+    alone = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
+    found = played["ppo_sampled"][1][0]["return"]
+    np.testing.assert_allclose(found, alone["own"]["return"], rtol=1e-5)
+    assert not np.allclose(found, alone["other"]["return"], rtol=1e-2)
+    np.testing.assert_allclose(
+        starts["start_sampled"][1]["return"], alone["start"]["return"], rtol=1e-5
+    )
+    assert not np.allclose(starts["start_sampled"][0]["return"], alone["start"]["return"])
 
 
 def test_combinations_begin_with_the_default_and_repeat_nothing():
@@ -96,6 +129,9 @@ def test_other_bad_input_is_refused_in_a_line(capsys):
         (["--plot=a.pdf"], "allowed a name that ends in .png"),
     ):
         assert said in refused(sweep.main, ["--vary=lr=1e-3", *argv], capsys)
+    for argv in (["--policy-prior=wait"], ["--observation=flat", "--network=mlp"]):
+        said = refused(sweep.main, ["--vary=rule-sharpness=1", *argv], capsys)
+        assert "--vary rule_sharpness: allowed where the first policy is the rule's" in said
 
 
 def test_names_of_settings_and_their_short_forms():
@@ -117,8 +153,8 @@ def test_the_report_is_that_of_scores_by_hand():
         "ppo": [scores(0.0), scores(10.0)],
         "ppo_sampled": [scores(0.0), scores(9.0)],
     }
-    others = {"start": {"return": demand - 5.0}}
-    first, second = describe([{"gamma": 1.0}, {"gamma": 0.9}], played, others, 0)
+    starts = [{"return": demand - 2.0}, {"return": demand - 5.0}]
+    first, second = describe([{"gamma": 1.0}, {"gamma": 0.9}], played, starts, 0)
     assert first["settings"] == {"gamma": 1.0}
     assert first["minus_default"] == {"mean": 0.0, "ci95": [0.0, 0.0]}
     assert first["probability_of_improvement"]["mean"] == 0.5
@@ -126,6 +162,7 @@ def test_the_report_is_that_of_scores_by_hand():
     assert second["minus_default"]["mean"] == pytest.approx(10.0)
     assert second["minus_default"]["ci95"] == pytest.approx([10.0, 10.0])
     assert second["minus_sampled"]["mean"] == pytest.approx(1.0)
+    assert first["minus_start"]["mean"] == pytest.approx(2.0)
     assert second["minus_start"]["mean"] == pytest.approx(15.0)
     low, high = second["minus_start"]["ci95"]
     assert 14.0 <= low < 15.0 < high <= 16.0  # seeds differ

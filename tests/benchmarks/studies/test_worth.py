@@ -7,20 +7,25 @@ import pytest
 
 import medjax
 from benchmarks.studies.worth.axes import Axis, points, read_axes, world_at
-from benchmarks.studies.worth.command import main
+from benchmarks.studies.worth.command import dispatchers_of, main
 from benchmarks.studies.worth.drawing import edges, panels_of
 from benchmarks.studies.worth.played import Kept, fingerprint
 from benchmarks.studies.worth.verdicts import at_prices, gains, judge
 from benchmarks.verification.golden import TRIPS
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
-from medjax.policies.rules import Budget, budgeted
+from medjax.policies.rules import BASELINES, Budget, budgeted
 from tests.benchmarks.refusal import refused
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 SMALL = [f"--set={name}={json.dumps(value)}" for name, value in TRIPS.items()]
 SMALL += ["--set=episode_decisions=30", "--scenario=corridor", "--episodes=4"]
 MAP = ["--vary=slot_power_w=20e3,190e3", "--vary=reward_weights.charging_stops=-18,-90"]
+
+
+def test_a_learners_initial_policy_is_no_dispatcher_to_choose():
+    policies = dict.fromkeys(["ppo", "ppo_seed2", "start", *BASELINES])
+    assert {*dispatchers_of(policies)} == {"ppo", "ppo_seed2", "greedy", "budgeted"}
 
 
 def test_luck_in_choosing_is_no_gain():

@@ -1,5 +1,7 @@
 """The soak's command line; tests/test_invariants.py has what it finds and shows."""
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,7 @@ def test_stopping_prints_the_counts_so_far(monkeypatch, capsys):
     monkeypatch.setattr(soak, "Case", Stopped)
     with pytest.raises(SystemExit) as ended:
         soak.main(["--updates=200", "--cases=2"])
-    assert not ended.value.code
+    assert ended.value.code == 128 + signal.SIGINT  # it must not pass for a whole soak
     out = capsys.readouterr().out
     assert "stopped" in out
     assert "100 vehicle updates" in out

@@ -110,8 +110,13 @@ def test_what_is_not_allowed_counts_as_the_rule(trips, busy):
     wrong = np.where(mask.all(axis=1), 0, np.argmin(mask, axis=1))
     wrong[0] = trips.env.num_actions + 7
     key, params = jax.random.key(5), trips.params
-    _, state, *_ = trips.step(key, busy, jnp.asarray(wrong), params)
+    _, state, *_, info = trips.step(key, busy, jnp.asarray(wrong), params)
     _, usual, *_ = trips.step(key, busy, jnp.zeros(4, jnp.int32), params)
+    # What a step counts, agents' own numbers included, adds up to the episode's.
+    jax.tree.map(
+        lambda part, before, after: np.testing.assert_allclose(before + part, after, rtol=1e-6),
+        *(info["step_stats"], busy.stats, state.stats),
+    )
     count = float(state.stats.invalid_actions - usual.stats.invalid_actions)
     assert count == (wrong != 0).sum() > 1
     np.testing.assert_array_equal(state.vehicles.x, usual.vehicles.x)
@@ -140,6 +145,21 @@ def test_own_reward_by_hand(trips, busy):
             expected[med] += change / float(params.ev_capacity_j)
     np.testing.assert_allclose(info["rewards"], expected, atol=1e-6)
     assert np.abs(expected).max() > 1e-5
+
+
+def test_own_reward_leaves_out_who_took_the_slot_of_another(trips, busy):
+    """A newcomer is behind, or has another desired speed."""
+    env = AgentsEnv(trips.env.env, trips.actions, credit="own")
+    ev = int(np.flatnonzero(np.asarray(busy.evs.med >= 0))[0])
+    slot, pack = trips.config.num_meds + ev, float(trips.params.ev_capacity_j)
+    fuller = busy.replace(evs=busy.evs.replace(energy_j=busy.evs.energy_j.at[ev].add(0.5 * pack)))
+    gained = np.zeros(4)
+    gained[int(busy.evs.med[ev])] = 0.5
+    np.testing.assert_allclose(env._own_rewards(busy, fuller, trips.params), gained, atol=1e-6)
+    for name, change in (("x", -1.0), ("desired_speed", 1.0)):
+        moved = getattr(busy.vehicles, name).at[slot].add(change)
+        other = fuller.replace(vehicles=busy.vehicles.replace(**{name: moved}))
+        assert not np.any(env._own_rewards(busy, other, trips.params))
 
 
 def test_metrics_of_what_agents_were_told_by_hand(trips, busy):

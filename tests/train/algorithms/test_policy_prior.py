@@ -117,6 +117,8 @@ def test_agents_try_all_speeds_and_most_probably_serve_as_the_fleet():
 def test_a_rollout_is_an_episode():
     """Of `paper` where none is known: 600 decisions of 1 s, of agents 150 of 4 s. Else in choices, the last one cut."""
     (_, alone), (_, params) = medjax.make("paper"), agents_of("paper")
+    assert PPOConfig().for_episodes(0).rollout_length == 600
+    assert PPOConfig(agents="ippo").for_episodes(0).rollout_length == 150
     assert PPOConfig().choices_per_update == int(alone.episode_decisions)
     assert PPOConfig(agents="ippo").choices_per_update == int(params.episode_decisions)
     assert PPOConfig(agents="ippo", rollout_length=50).choices_per_update == 50

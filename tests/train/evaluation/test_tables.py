@@ -68,6 +68,13 @@ def test_differences_without_a_sure_sign_are_named():
     assert trained.startswith("64 whole episodes of paper (num_evs = 4) of seed 3, the same for")
     seen = "between ppo and slow can be seen with 64 episodes: 1.800 [-15.00, 19.00]; one of 17.00 could be"
     assert seen in trained
+    # Without a policy that plays its most probable actions there is nothing to compare with.
+    sampled = dict.fromkeys(("ppo", "ppo_sampled"), entry)
+    alone = result | {
+        "policies": sampled,
+        "paired_return_difference": {"ppo_sampled": gains["none"]},
+    }
+    assert "between" not in format_table(alone, ["ppo"])
     compared = {
         "baseline": "none",
         "difference_from_baseline": {"ppo": gains["none"], "slow": gains["slow"]},

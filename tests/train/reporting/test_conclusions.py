@@ -41,6 +41,16 @@ def test_a_curve_rises_falls_stays_or_has_settled():
         assert whole in said
         assert late in said
     assert "too few" in learning(rise[: 4 * FEWEST - 1], 0)
+    # Fewer updates are compared by halves, such as the 17 of a default run.
+    for curve, said in (
+        (rise, "The return rises (+"),
+        (-rise, "The return falls (-"),
+        (0.0 * rise, "The return does not change visibly ("),
+    ):
+        for count in (2 * FEWEST, 17):
+            assert learning(curve[:count] + noise[:count], 0).startswith(said)
+    assert "from the first to the second half" in learning(rise[: 4 * FEWEST - 1], 0)
+    assert "too few to tell a trend, 16 are needed" in learning(rise[: 2 * FEWEST - 1], 0)
     assert "too few" in learning(rise[:0], 0)
 
 

@@ -2,13 +2,14 @@
 
 import dataclasses
 import json
+import platform
 
 import pytest
 
 from medjax.errors import InputError
 from tests.train.conftest import TINY
 from train.algorithms.ppo.settings import PPOConfig
-from train.runs import open_session, session
+from train.runs import open_session, run_directory, session
 from train.runs.arguments import Request, parse_request
 from train.runs.run_directory import RunDir
 
@@ -57,6 +58,22 @@ def test_settings_that_ruled_are_kept(tmp_path, config):
     run_dir.update_config(first, 5)
     assert until(run_dir) == {}
     assert run_dir.load_config() == first
+
+
+def test_versions_that_ruled_are_kept(tmp_path, config, monkeypatch):
+    """The settings are the same, but other sources go on with the run."""
+    run_dir = RunDir(tmp_path / "run")
+    run_dir.claim(config).close()
+    monkeypatch.setattr(run_directory, "versions", lambda: {"commit": "later"})
+    for _ in range(2):  # the second finds what the first left
+        run_dir.update_config(config, 10)
+        assert list(until(run_dir)) == ["config-until-10.json"]
+    before, now = (
+        json.loads((run_dir.path / name).read_text())["versions"]
+        for name in ("config-until-10.json", "config.json")
+    )
+    assert before["python"] == platform.python_version()
+    assert now == {"commit": "later"}
 
 
 def test_rollouts_are_episodes_of_the_world_at_hand(tmp_path):

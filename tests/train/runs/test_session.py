@@ -185,8 +185,17 @@ def test_resume_refuses_what_does_not_fit(probe, whole, capsys):
         ("--decide-every=2", "decide_every 2, which was 1 until now, allowed: 1"),
         ("--num-epochs=1", "num_epochs 1, which was 4 until now, allowed: 4"),
         ("--num-minibatches=1", "num_minibatches 1, which was 2 until now, allowed: 2"),
+        # And with these the weights would be another policy, or have another start.
+        ("--activation=tanh", "activation tanh, which was silu until now, allowed: silu"),
+        ("--initial-wait=0.5", "initial_wait 0.5, which was 0.8 until now, allowed: 0.8"),
+        ("--seed=3", "seed 3, which was 0 until now, allowed: 0"),
     ):
         refused(capsys, [*more, change], words)
+    metrics = probe / "run" / "metrics.jsonl"
+    rows = metrics.read_text()
+    metrics.write_text("not JSON\n" + rows)
+    refused(capsys, more, "metrics.jsonl, line 1 = 'not JSON': allowed JSON")
+    metrics.write_text(rows)
     refused(capsys, [*TINY, "--run-dir=run"], "already holds files")
     assert before == files_of(probe / "run")
     assert ppo.main(["--resume=run", "--total-timesteps=128"]) == 0

@@ -112,10 +112,11 @@ class PPOConfig(TrainConfig):
 
     def for_episodes(self, decisions: int) -> Self:
         """Fills in settings that follow others, and the length of an episode, in decisions."""
-        episode = -(-decisions // self.decide_every)
+        # Without an episode's length, a rollout is as long as an episode of `paper`.
+        episode = -(-decisions // self.decide_every) or self.choices_per_update
         whole = self if self.rollout_length else dataclasses.replace(self, rollout_length=episode)
         sized = TrainConfig.for_episodes(whole, decisions)
-        # More environments leave fewer updates, so each must go further. Both numbers were tuned with 32 and with 1024
+        # More environments leave fewer updates, so each must go further. Both numbers were tried with 32 and with 1024
         # environments; between these they follow a power of the number of environments.
         part = min(max(math.log(sized.num_envs / 32) / math.log(1024 / 32), 0.0), 1.0)
         return filled(sized, learning_rate=5e-4 * 2**part, clip_epsilon=0.2 * 5**part)
