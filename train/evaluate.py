@@ -6,7 +6,7 @@ more sample ("ppo_sampled"). Exit code 2 on bad input. From Python:
 `train.api.evaluate`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -104,19 +104,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     learned = learned_names(name for name in found if name in policies)
     world = config.scenario, learned, numbers["seed"], config.changes
     played = Comparison(summarize(scores, *world, given.baseline), scores, learned)
-    path = target
-    try:
-        if target is not None:
-            write_json(target, played.result)
-        print(played)
-        path = picture
-        if picture is not None:
-            from train.reporting.figures import plot_comparison
+    # The numbers are saved before a table is made of them, and shown even if they could not be saved.
+    unwritten = None if target is None else _unwritten(write_json, target, played.result)
+    print(played)
+    if picture is not None and unwritten is None:
+        from train.reporting.figures import plot_comparison
 
-            plot_comparison(picture, scores, numbers["seed"], is_papers(played.result))
+        is_theirs = is_papers(played.result)
+        unwritten = _unwritten(plot_comparison, picture, scores, numbers["seed"], is_theirs)
+    return 0 if unwritten is None else cannot_write("python -m train.evaluate", *unwritten)
+
+
+def _unwritten(write: Callable[..., None], path: Path, *what: Any) -> tuple[Path, OSError] | None:
+    """Writes a file; returns it with the error if that fails."""
+    try:
+        write(path, *what)
     except OSError as error:
-        return cannot_write("python -m train.evaluate", path or Path(), error)
-    return 0
+        return path, error
+    return None
 
 
 def _target(option: str, text: str | None) -> Path | None:

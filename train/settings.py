@@ -95,7 +95,7 @@ class TrainConfig(abc.ABC):
     num_seeds: int = option(
         1,
         "run",
-        "independent learners trained side by side",
+        "independent learners, trained in one program, in turn",
         flags=("--seeds",),
         limits=(1, 1024),
     )

@@ -140,7 +140,7 @@ class DriverParams(struct.PyTreeNode):
         0,
         math.inf,
         "m",
-        "EVs bound for the road's end make their charge last at least this far",
+        "EVs bound for the road's end make their charge last at least this far; inf: no charge is enough for any EV",
     )
     eco_soc: Scalar = number(
         1.0, 0, 1, "", "drivers with more charge than this do not slow down to save it"

@@ -9,7 +9,10 @@ from tests.train.conftest import TINY, refused
 from tests.train.runs.test_faults import small_disk
 from tests.train.runs.test_session import assert_same_run
 from train import evaluate, export, ppo
+from train.algorithms.ppo.settings import PPOConfig
 from train.reporting.figures import new_figure, save
+from train.runs.arguments import parse_request
+from train.runs.open_session import open_session
 
 QUIET = [*TINY, "--eval-episodes=0", "--updates-per-call=1"]
 
@@ -39,8 +42,9 @@ def test_a_full_disk_ends_a_command_in_a_line(probe, full_disk, capsys, monkeypa
     ):
         capsys.readouterr()
         assert command.main(given) == 1
-        err = capsys.readouterr().err
+        out, err = capsys.readouterr()
         assert err.count("\n") == 1, err
+        assert command is export or "whole episodes of noisy" in out  # the work is not lost
         assert f"cannot write {given[-1].partition('=')[2]}: No space left" in err
         assert os.listdir(full_disk) == ["full"]
     assert (probe / "out.json").exists()
@@ -96,5 +100,10 @@ def test_a_run_resumes_before_a_damaged_checkpoint(probe, capsys):
     )
     refused(capsys, [*QUIET, "--from-update=4"], "--from-update without --resume")
     assert newest.exists()
+    evaluation = probe / "run/evaluation.json"
+    evaluation.write_text("{}")
+    request = parse_request(PPOConfig, [*more, "--from-update=4"])
+    open_session(request).lock.close()
+    assert not evaluation.exists()  # it was of the weights that were removed
     assert ppo.main([*more, "--from-update=4"]) == 0
     assert_same_run(probe / "same", probe / "run")

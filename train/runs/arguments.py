@@ -91,7 +91,8 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     text = "new or empty directory for the results (default: runs/SCENARIO-N)"
     files("--run-dir", metavar="DIR", help=text)
     text = (
-        "resume the run in DIR from its newest checkpoint; options given here override its settings"
+        "resume the run in DIR from its newest checkpoint; options given here override its settings, but for those "
+        "that would change what an update or the policy is"
     )
     files("--resume", metavar="DIR", help=text)
     text = "read settings from a .json or .yaml file, such as a run's config.json; options given here override them"

@@ -266,7 +266,8 @@ class Session:
     def _save(self, state: TrainState) -> None:
         plain = to_host(state)
         if is_first():
-            self.run_dir.remove_results()
+            if updates_done(plain) > self.done:  # else the results are still of these weights
+                self.run_dir.remove_results()
             self.checkpoints.save(plain, self.config)
 
     def _newest(self) -> str:

@@ -178,5 +178,7 @@ def train_worlds(
     learned = train_learners(lambda _: learner, with_numbers, *same)
     if not learned.finite.all():
         world = {name: float(each[np.argmin(learned.finite)]) for name, each in numbers.items()}
-        raise InputError(f"training did not stay finite with {world}, allowed: a smaller --lr")
+        raise InputError(
+            f"training did not stay finite with {world}, allowed: other costs or --seed"
+        )
     return learned.weights

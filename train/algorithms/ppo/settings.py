@@ -35,7 +35,7 @@ class PPOConfig(TrainConfig):
         0,
         "PPO",
         "minibatches per epoch, which must divide num_envs; 0: of 4 environments each, or larger ones so that there "
-        "are at most 64",
+        "are at most 64; with a multiple of 8, eight environments share each demand as a baseline",
         limits=(0, 2**20),
     )
     num_epochs: int = option(4, "PPO", "passes over each rollout", limits=(1, 1000))
