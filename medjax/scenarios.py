@@ -163,7 +163,7 @@ def prepare(
     config = dataclasses.replace(SCENARIOS[name].config, **sizes)
     if profile is not None:
         numbers["demand.profile"] = np.repeat(profile[:, None], 1 + config.num_ramps, axis=1)
-    params = SCENARIOS[name].params(config)
+    params = SCENARIOS[name].params(config, numbers)
     given = {term: price.default for term, price in PRICES.items()} | params.reward_weights
     known = {term: given.get(term, float(term not in TERMS)) for term in terms}
     for term in weights:

@@ -26,7 +26,7 @@ class IncidentParams(struct.PyTreeNode):
         (), 0, 1e9, "s", "latest time; 300 likewise", per="incident"
     )
     incident_from_x_m: jax.Array = number(
-        (), 0, 200e3, "m", "nearest place; a quarter of the preset's road likewise", per="incident"
+        (), 0, 200e3, "m", "nearest place; a quarter of the road likewise", per="incident"
     )
     incident_until_x_m: jax.Array = number(
         (), 0, 200e3, "m", "farthest place; three quarters likewise", per="incident"

@@ -34,6 +34,8 @@ def _places() -> dict[str, tuple[str, str]]:
 
 PLACES = _places()
 
+# Overrides that bound what `_fit` places and times by default.
+BOUNDS = ("length_m", "road.length_m", "episode_decisions")
 # Default where only the number or places of exits are given: an interchange every 6 km and mean trips of 60 km.
 EXIT_SHARE = 0.1
 # Likewise where only the number of incidents is given.
@@ -73,10 +75,12 @@ def _profile(given: Any, config: EnvConfig) -> np.ndarray:
     return rows[:, columns]
 
 
-def _incidents(params: EnvParams, number: int) -> IncidentParams:
-    """The incidents of a preset, repeated to this number; by default in the middle half of the road."""
-    quarter = 0.25 * params.road.length_m
+def _incidents(params: EnvParams, config: EnvConfig) -> IncidentParams:
+    """The incidents of a preset, repeated to their number; by default in the middle half of the road."""
+    number, quarter = config.num_incidents, 0.25 * params.road.length_m
     usual = INCIDENT | {"from_x_m": quarter, "until_x_m": 3.0 * quarter}
+    end_s = float(params.episode_decisions) * config.decision_s
+    usual |= {name: min(usual[name], end_s) for name in ("from_s", "until_s")}
     fitted: dict[str, Any] = {}
     for name, value in usual.items():
         values = np.ravel(getattr(params.incidents, f"incident_{name}"))
@@ -108,7 +112,7 @@ def _fit(params: EnvParams, config: EnvConfig, own: EnvConfig) -> EnvParams:
             exit_share=shares,
             profile=_profile(demand.profile, config),
         ),
-        incidents=_incidents(params, config.num_incidents),
+        incidents=_incidents(params, config),
         fleet=fleet.replace(size=min(int(fleet.size), config.num_meds), service_lane=lane),
     )
 
@@ -125,11 +129,16 @@ class Scenario:
     # Numbers of the rule `budgeted` that `benchmarks.tune` found best here; those of `paper` are in its code.
     budget: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
-    def params(self, config: EnvConfig) -> EnvParams:
-        """The numbers for these sizes, without the coils' table."""
+    def params(self, config: EnvConfig, overrides: Mapping[str, Any] | None = None) -> EnvParams:
+        """The numbers for these sizes, without the coils' table.
+
+        Of the overrides it takes those that bound default places and times: the road's length and the episode's.
+        """
         params = EnvParams()
         for name, value in self.numbers.items():
             params = _put(params, PLACES[name], value)
+        given = {name: value for name, value in (overrides or {}).items() if name in BOUNDS}
+        params = change_numbers(params, given)
         params = params.replace(reward_weights=params.reward_weights | dict(self.prices))
         return _fit(params, config, self.config)
 
