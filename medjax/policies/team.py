@@ -9,9 +9,12 @@ import jax.numpy as jnp
 from medjax.env.agents.environment import AgentsEnv
 from medjax.env.contract import Params, State, StepResult
 from medjax.env.depots import med_to_send
+from medjax.env.dispatch import is_allowed
 from medjax.env.wrapper import Wrapper
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
+
+INVALID = -1  # an action that no environment allows
 
 
 def of_head(
@@ -50,9 +53,12 @@ class Dispatched(Wrapper):
     def step_env(
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> StepResult:
-        """One decision."""
+        """One decision; an agent at a depot that would enter by itself makes an invalid choice, as in `AgentsEnv`."""
         sent = of_head(self.env, self.dispatcher, jax.random.key(0), state, params)
-        return self.env.step_env(key, state, jnp.where(sent > 0, sent, action), params)
+        own = jnp.where(is_allowed(action, self.action_mask(state, params)), action, INVALID)
+        action = jnp.where(sent > 0, sent, own)
+        obs, after, *ends, info = self.env.step_env(key, state, action, params)
+        return obs, after, *ends, info | {"action_mask": self.action_mask(after, params)}
 
     def whole(self, policy: Policy) -> Policy:
         """Combines `policy`, of this environment, and the dispatcher into one policy of `env`."""

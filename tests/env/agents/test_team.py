@@ -9,7 +9,7 @@ from medjax.env.agents.environment import ROAD
 from medjax.episodes.recording import record_episode
 from medjax.episodes.scores import evaluate_policies
 from medjax.episodes.table import vehicle_table
-from medjax.policies.rules import greedy
+from medjax.policies.rules import greedy, none
 from medjax.policies.team import Dispatched, as_team
 from medjax.world.state import AT_DEPOT, IN_SERVICE
 from tests.env.agents.conftest import TRIPS, refusing
@@ -46,6 +46,19 @@ def test_with_a_dispatcher_agents_only_move(trips, busy):
     ):
         values = scores["refuses"][metric]
         np.testing.assert_array_equal(wrapped["refuses"][metric], values, err_msg=metric)
+
+
+def test_an_agent_cannot_send_itself_where_a_dispatcher_does(trips):
+    """The choice counts as invalid, and info shows the mask of who has no choice."""
+    env = Dispatched(trips.env, none(trips.env.env))
+    _, state = jax.jit(env.reset)(jax.random.key(0), trips.params)
+    enters = np.argmax(np.asarray(trips.mask(state, trips.params))[:, 1:], axis=1) + 1
+    before = float(state.stats.invalid_actions)
+    _, after, *_, info = jax.jit(env.step_env)(jax.random.key(1), state, enters, trips.params)
+    assert float(after.stats.meds_dispatched) == float(state.stats.meds_dispatched)
+    assert float(after.stats.invalid_actions) - before == len(enters)
+    np.testing.assert_array_equal(info["action_mask"], env.action_mask(after, trips.params))
+    assert not np.asarray(info["action_mask"])[:, 1 : 1 + trips.config.num_ramps].any()
 
 
 @pytest.mark.parametrize("central", [False, True])
