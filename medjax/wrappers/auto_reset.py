@@ -81,7 +81,7 @@ class BatchAutoReset:
         Returns:
             obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. In addition to the
             environment's info: `final_observation` (before any reset) and `cut_short` (see `stagger`). An
-            `action_mask` is that of the state after the reset.
+            `action_mask` is that of the returned state, and `final_action_mask` that before any reset.
         """
         step_keys, reset_keys = split_each(keys)
         step = jax.vmap(self.env.step_env, (0, 0, 0, None))
@@ -96,6 +96,7 @@ class BatchAutoReset:
             obs, env_state = self._restart(self._shared(reset_keys), done, obs, env_state, params)
         after = BatchState(env_state, cut_in)
         if "action_mask" in info:
+            info["final_action_mask"] = info["action_mask"]
             info["action_mask"] = self.action_mask(after, params)
         return obs, after, reward, terminated, truncated, info
 

@@ -80,6 +80,7 @@ def test_the_mask_in_info_is_that_of_the_state_that_is_returned():
     for _, _, _, _, after, *_, info in play(env, 8):
         np.testing.assert_array_equal(info["action_mask"], env.action_mask(after, PARAMS))
         np.testing.assert_array_equal(info["action_mask"][:, 1], after.env.time == 0)
+        assert not info["final_action_mask"][:, 1].any()  # no step leads to a beginning
         began += int((after.env.time == 0).sum())
     assert began == 2 * NUM
 

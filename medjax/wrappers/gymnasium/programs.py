@@ -199,7 +199,7 @@ def step_all(
         later, now = split_each(keys)
         obs, state, *rest, info = batch.step(now, state, actions, params)
         reported = {name: info[name] for name in REPORTED}
-        mask = batch.action_mask(state, params)
-        return later, state, (obs, *rest, mask, reported), info["final_observation"]
+        reported["action_mask"] = info["final_action_mask"]
+        return later, state, (obs, *rest, info["action_mask"], reported), info["final_observation"]
 
     return on_devices(environment_mesh(len(keys)), decide)((keys, state, actions), params)
