@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.command import a_path
 from medjax.commandline import parse_overrides
 from medjax.episodes.scores import Scores
+from medjax.errors import InputError
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from train.algorithms.environments import make_environment
@@ -58,7 +59,7 @@ def load(
     """Environment, parameters, and policies by name: those of `--run-dir`, if given, and all rules.
 
     Raises:
-      InputError: the run cannot be read, or does not fit the environment.
+      InputError: the run cannot be read, or does not fit the environment; or there is no run to sample from.
     """
     if options.run_dir:
         env, params, found = load_policies(options.run_dir, config)
@@ -68,6 +69,8 @@ def load(
             if name in BASELINES or name.endswith(SAMPLED) == stochastic
         }
         return env, params, played
+    if stochastic:
+        raise InputError("--stochastic without --run-dir, allowed: with it")
     env, params = make_environment(config)
     return env, params, rules(env, BASELINES)
 

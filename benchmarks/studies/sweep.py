@@ -166,13 +166,9 @@ def play(
             of_rows.append([score[name] for score in scores])
         for name, of_starts in starts.items():
             of_starts.append(start[name.replace(START, LEARNER, 1)])
-    rules = rules_of(env)  # none for an environment of one's own
-    if rules:
-        return (
-            found,
-            starts,
-            evaluate_policies(env, params, rules, config.eval_episodes, config.seed),
-        )
+    if rules := rules_of(env):  # none for an environment of one's own
+        of_env = env, params, rules, config.eval_episodes, config.seed
+        return found, starts, evaluate_policies(*of_env)
     return found, starts, {}
 
 

@@ -74,13 +74,15 @@ def random(env: Environment) -> Policy:
 
 def periodic(env: Environment) -> Policy:
     """Spreads the fleet evenly over the episode, ramp after ramp; passes over ramps that cannot send."""
+    num_ramps = env.config.num_ramps
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
+        """The ramp whose turn it is, or the next one that can send, if a MED is due, `()` int32; else 0."""
+        if not num_ramps:
+            return jnp.zeros((), jnp.int32)
         sent = state.stats.meds_dispatched.astype(jnp.int32)
         due = state.time * params.fleet.size >= sent * params.episode_decisions
-        ramps = 1 + (sent + jnp.arange(env.config.num_ramps)) % max(env.config.num_ramps, 1)
-        if not env.config.num_ramps:
-            return jnp.zeros((), jnp.int32)
+        ramps = 1 + (sent + jnp.arange(num_ramps)) % num_ramps
         allowed = mask[ramps]
         return jnp.where(due & allowed.any(), ramps[jnp.argmax(allowed)], 0)
 

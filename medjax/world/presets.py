@@ -133,6 +133,9 @@ class Scenario:
         """The numbers for these sizes, without the coils' table.
 
         Of the overrides it takes those that bound default places and times: the road's length and the episode's.
+
+        Raises:
+          InputError: one of these two is not allowed.
         """
         params = EnvParams()
         for name, value in self.numbers.items():

@@ -20,7 +20,7 @@ from medjax.errors import InputError
 from medjax.numerics.rows import in_blocks
 from medjax.policies.policy import Policy
 from medjax.world.params import EnvParams
-from train.algorithms.finite import BAD, QUANTITIES
+from train.algorithms.finite import BAD, finite_updates
 from train.algorithms.networks import PolicyWeights
 from train.algorithms.programs import shardings
 from train.algorithms.registry import algorithm_of
@@ -156,9 +156,9 @@ def train_learners(
         state, (returns, first_bad) = jax.block_until_ready(run(state, params, numbers))
         curve.append(jax.device_get(returns))
         bad.append(jax.device_get(first_bad))
-    by_update = (num_updates, len(keys))
-    finite = (np.reshape(bad, by_update) == len(QUANTITIES)).all(axis=0)
-    return Trained(state.weights, first, np.reshape(curve, by_update), finite)
+    finite = [finite_updates(of_learner)[1] is None for of_learner in np.transpose(bad)]
+    by_update = np.reshape(curve, (num_updates, len(keys)))
+    return Trained(state.weights, first, by_update, np.array(finite))
 
 
 def train_worlds(

@@ -20,7 +20,6 @@ from benchmarks.studies.base import (
 )
 from benchmarks.studies.drawing import draw_rows, finish
 from medjax.commandline import OneLineParser
-from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
 from train.algorithms.environments import check_environment
 from train.reporting.figures import new_figure
@@ -99,8 +98,6 @@ def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
     for value in values:  # refuses those that are not allowed
         overrides = {**config.overrides, sweep.number: value}
         check_environment(dataclasses.replace(config, overrides=overrides))
-    if options.stochastic and not options.run_dir:
-        raise InputError("--stochastic without --run-dir, allowed: with it")
     env, params, found = load(options, config, options.stochastic)
     learned = {name: policy for name, policy in found.items() if name not in BASELINES}
     numbers = {sweep.number: np.asarray(values, np.float32)}
