@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -13,8 +12,7 @@ from jaxtyping import Bool, Float, Int32, Real
 
 from medjax.numerics.fusion import settled
 from medjax.numerics.gathers import read, write
-
-NOBODY = -1
+from medjax.traffic.occupancy import NOBODY, find_by_bits
 
 
 class Neighbours(NamedTuple):
@@ -87,30 +85,40 @@ def find_neighbours(
 ) -> Neighbours:
     """Exact nearest vehicles ahead and behind; a vehicle that straddles a line is found in both lanes.
 
-    A running count per lane, in road order, gives each vehicle's rank in its own lane and between which two vehicles
-    of its target lane it drives. All vehicles are written into one array, lane by lane, and each reads the entries next
-    to its own and next to its gap in the target lane.
-
     Args:
       order: slots from the rearmost to the foremost (`sort_by_road`).
       lane: in [0, num_lanes).
       other_lane: the second lane that a vehicle covers; any value outside [0, num_lanes) for none.
       target_lane: any value outside [0, num_lanes) finds nobody.
       active: inactive vehicles neither find nor are found.
-      num_lanes: acceleration lane included; (num_lanes + 1) (N + 2) <= 65536.
+      num_lanes: acceleration lane included; at most 127, and (num_lanes + 1) (N + 2) <= 65536.
 
     Returns:
       Neighbours, by slot.
     """
-    slots = order.shape[-1]
-    nowhere = num_lanes  # an extra lane whose vehicles are written as nobody
+    nowhere = num_lanes  # an extra lane whose vehicles nobody finds
     own = jnp.where(active, lane, nowhere)
 
     def in_a_lane(lanes: jax.Array) -> jax.Array:
         return jnp.where((lanes >= 0) & (lanes < num_lanes) & active, lanes, nowhere)
 
+    find = _find_by_counts if jax.default_backend() == "cpu" else find_by_bits
+    other, target = in_a_lane(other_lane), in_a_lane(target_lane)
+    return Neighbours(*find(order, own, other, target, num_lanes))
+
+
+def _find_by_counts(
+    order: jax.Array, own: jax.Array, other: jax.Array, target: jax.Array, num_lanes: int
+) -> tuple[jax.Array, ...]:
+    """Slots as `find_by_bits` finds them.
+
+    A running count per lane, in road order, gives each vehicle's rank in its own lane and between which two vehicles
+    of its target lane it drives. All vehicles are written into one array, lane by lane, and each reads the entries next
+    to its own and next to its gap in the target lane.
+    """
+    slots, nowhere = order.shape[-1], num_lanes
     # Settled, since XLA for CPUs would compute them inside the read, one at a time.
-    packed = own | in_a_lane(target_lane) << 8 | in_a_lane(other_lane) << 16
+    packed = own | target << 8 | other << 16
     lanes = read(settled(packed, order >= 0), order)
     own, target, other = lanes & 0xFF, lanes >> 8 & 0xFF, lanes >> 16
     own_index, target_index, other_index = _line_indices(own, other, target, num_lanes + 1)
@@ -130,12 +138,7 @@ def find_neighbours(
     def at(index: jax.Array) -> jax.Array:
         return read(line, index).astype(jnp.int32) - 1
 
-    return Neighbours(
-        leader=at(own_index + 1),
-        follower=at(own_index - 1),
-        target_leader=at(target_index + 1),
-        target_follower=at(target_index),
-    )
+    return at(own_index + 1), at(own_index - 1), at(target_index + 1), at(target_index)
 
 
 def _line_indices(
@@ -174,11 +177,9 @@ def _running_sum(values: jax.Array, block: int = 8) -> jax.Array:
     """Cumulative sum, `(N,)` int32, exact up to 2^24.
 
     Two small matrix products, within blocks and over earlier blocks, take a third of jnp.cumsum's time on a CPU.
-    HIGHEST precision keeps a GPU from rounding the factors to 11 bits.
     """
     blocks = jnp.pad(values, (0, -values.shape[0] % block)).reshape(-1, block).astype(jnp.float32)
-    product = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-    within = product(blocks, jnp.triu(jnp.ones((block, block), jnp.float32)))
+    within = blocks @ jnp.triu(jnp.ones((block, block), jnp.float32))
     earlier = jnp.triu(jnp.ones((blocks.shape[0],) * 2, jnp.float32), 1)
-    sums = within + product(within[:, -1], earlier)[:, None]
+    sums = within + (within[:, -1] @ earlier)[:, None]
     return sums.reshape(-1)[: values.shape[0]].astype(jnp.int32)

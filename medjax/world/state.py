@@ -41,7 +41,9 @@ class Vehicles(struct.PyTreeNode):
     courtesy_right: Float32[Array, "num_vehicles"]  # the same to the right
     recovery_s: Float32[Array, "num_vehicles"]  # s, until it may change lanes at will
     destination: Float32[Array, "num_vehicles"]  # m, its exit, or the road's end
-    road_order: Int32[Array, "num_vehicles"]  # slots from rear to front, last tick
+    road_order: Int32[
+        Array, "num_vehicles"
+    ]  # slots from rear to front in the last tick; on a GPU as at reset
 
 
 class EVs(struct.PyTreeNode):
