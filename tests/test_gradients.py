@@ -77,3 +77,22 @@ def test_reverse_mode_is_finite_and_as_forward_mode(world):
         each = [np.vdot(np.asarray(slopes[name], np.float64), x) for name, x in way.items()]
         size = sum(map(abs, each))
         assert float(forwards(way)) == pytest.approx(sum(each), rel=2e-3, abs=1e-5 * size)
+
+
+def test_the_code_for_gpus_has_derivatives(monkeypatch):
+    """It only traces: every operation of a decision has its rules for reverse and forward mode."""
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    env, params = medjax.make("corridor")
+    smooth, replaced = floats(params)
+    key = jax.random.key(0)
+    state = jax.eval_shape(env.reset, key, params)[1]
+
+    def reward(changed, state):
+        return env.step_env(key, state, 1, replaced(changed))[2]
+
+    slopes = jax.eval_shape(jax.grad(reward), smooth, state)
+    assert slopes.keys() == smooth.keys()
+    forwards = jax.eval_shape(
+        lambda state: jax.jvp(lambda numbers: reward(numbers, state), (smooth,), (smooth,)), state
+    )
+    assert [each.shape for each in forwards] == [(), ()]

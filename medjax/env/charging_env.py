@@ -12,6 +12,7 @@ from typing import Any, Self
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float32
 
 from medjax import hooks
@@ -19,6 +20,7 @@ from medjax.charging.booking import book, init_new_evs
 from medjax.charging.link import Coupling, couple
 from medjax.charging.plugs import charge_at_exits
 from medjax.charging.range import apply_eco_speed
+from medjax.env.carry import looked_up, packed, unpacked
 from medjax.env.contract import StepResult, step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
@@ -40,6 +42,7 @@ from medjax.world.presets import Recipe
 from medjax.world.state import EnvState, EpisodeStats
 
 Driven = tuple[EnvState, EpisodeStats]
+Carry = tuple[EnvState, jax.Array]  # of the loop over ticks: the state, and the sums as `(sums,)`
 
 
 class ChargingEnv:
@@ -225,18 +228,24 @@ class ChargingEnv:
         config = self.config
         drivers = drivers_of(apply_eco_speed(state, config, params), config, params)
 
-        def tick(carry: Driven, index: jax.Array) -> tuple[Driven, Any]:
+        def tick(carry: Carry, index: jax.Array) -> tuple[Carry, Any]:
             """One physics tick, then the probe."""
-            state, step_stats = carry
+            state, sums = carry
+            state = unpacked(state)
+            at_wheel = looked_up(drivers, state.vehicles.kind, params.drivers)
             state, more = physics_tick(
-                state, drivers, index, config, params, self.following, self.coupling
+                state, at_wheel, index, config, params, self.following, self.coupling
             )
-            return (state, step_stats + more), self.probe(state) if self.probe else None
+            seen = self.probe(state) if self.probe else None
+            return (packed(state), sums + ravel_pytree(more)[0]), seen
 
-        begun, before_s = state.vehicles, step_stats.ev_seconds
-        (state, step_stats), seen = jax.lax.scan(tick, (state, step_stats), ticks)
+        # One array, since a GPU would launch a program for each of the forty sums.
+        sums, as_stats = ravel_pytree(step_stats)
+        begun, before_s = packed(state), step_stats.ev_seconds
+        (state, sums), seen = jax.lax.scan(tick, (begun, sums), ticks)
+        state, step_stats = unpacked(state), as_stats(sums)
         with jax.named_scope("tally"):
-            driven = distances_driven(begun, state.vehicles, config)
+            driven = distances_driven(begun.vehicles, state.vehicles, config)
             seconds = step_stats.ev_seconds - before_s
             step_stats += driven + means(state, driven.ev_distance_m, seconds, config, params)
         if (free_in_s := state.plugs_free_in_s) is not None:

@@ -42,7 +42,8 @@ def physics_tick(
       (state after the tick, statistics of the tick). `state.stats` is unchanged.
     """
     slots = config.ev_slots
-    before = without_motor(state.vehicles, state.evs, config, params)
+    with jax.named_scope("energy"):
+        before = without_motor(state.vehicles, state.evs, config, params)
     with jax.named_scope("docking"):
         orders = approach(state, drivers, config, params)
     if (stands_for_s := state.stands_for_s) is not None:

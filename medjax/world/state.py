@@ -41,9 +41,8 @@ class Vehicles(struct.PyTreeNode):
     courtesy_right: Float32[Array, "num_vehicles"]  # the same to the right
     recovery_s: Float32[Array, "num_vehicles"]  # s, until it may change lanes at will
     destination: Float32[Array, "num_vehicles"]  # m, its exit, or the road's end
-    road_order: Int32[
-        Array, "num_vehicles"
-    ]  # slots from rear to front in the last tick; on a GPU as at reset
+    # Slots from rear to front in the last tick; as at reset where no CPU steps it.
+    road_order: Int32[Array, "num_vehicles"]
 
 
 class EVs(struct.PyTreeNode):

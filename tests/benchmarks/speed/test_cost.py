@@ -3,7 +3,6 @@
 import importlib.metadata
 import json
 import subprocess
-import sys
 
 import jax
 import jax.numpy as jnp
@@ -18,8 +17,15 @@ from medjax.numerics.rows import CACHED_ROWS
 from tests.benchmarks.refusal import refused
 from tests.documented import ROOT
 
-# A decision of 128 environments of the paper's preset on a CPU, with JAX 0.10.2: 2,456 launches and 227.8 MB.
-MOST_LAUNCHES, MOST_BYTES = 2_470, 235_000_000
+# A decision of 128 environments of the paper's preset on a CPU, with JAX 0.10.2: 2,439 launches and 228.2 MB; one of
+# 65,536 on an H100: 376 and 30,952 MB.
+MOST_LAUNCHES, MOST_BYTES = 2_450, 235_000_000
+MOST_ON_H100 = {"launches": 385, "bytes": 31_500_000_000}
+REMEDY = (
+    f"`python -m benchmarks.cost` shows the stages, in the tree before, too. Make it cheaper; if what it buys is "
+    f"worth the price, or a new JAX compiles otherwise (this one is {jax.__version__}), raise the budget here, "
+    f"say why in the commit, and renew the tables of docs/performance.md and docs/gpu.md"
+)
 
 K = jax.ShapeDtypeStruct((1000,), jnp.float32)  # 4000 bytes
 LONG = jax.ShapeDtypeStruct((10_000,), jnp.float32)
@@ -130,13 +136,8 @@ def decision():
 
 
 def test_a_decision_keeps_to_its_budget(decision):
-    remedy = (
-        f"`python -m benchmarks.cost` shows the stages, in the tree before, too. Make it cheaper; if what it buys is "
-        f"worth the price, or a new JAX compiles otherwise (this one is {jax.__version__}), raise the budget here, "
-        f"say why in the commit, and renew the tables of docs/performance.md"
-    )
-    assert decision["launches"] <= MOST_LAUNCHES, remedy
-    assert decision["bytes"] <= MOST_BYTES, remedy
+    assert decision["launches"] <= MOST_LAUNCHES, REMEDY
+    assert decision["bytes"] <= MOST_BYTES, REMEDY
 
 
 def test_every_stage_has_a_part_of_a_decision(decision):
@@ -219,12 +220,15 @@ def test_without_the_compiler_it_says_what_to_install(found, monkeypatch, capsys
 
 
 @pytest.mark.thorough
-def test_compiles_for_an_h100_without_one(tmp_path):
-    """Where the extra is installed; in a process, since JAX has started here."""
-    pytest.importorskip("jax_cuda12_plugin", reason='pip install -c constraints.txt -e ".[cost]"')
+def test_a_decision_keeps_to_its_budget_on_an_h100(tmp_path):
+    """Where the environment of docs/gpu.md is, .venv/cost; an H100 need not be there."""
+    python = ROOT / ".venv" / "cost" / "bin" / "python"
+    if not python.exists():
+        pytest.skip("docs/gpu.md says how to install .venv/cost")
     path = tmp_path / "cost.json"
-    words = ["-m", "benchmarks.cost", "--target=h100", "--num-envs=128", f"--json={path}"]
-    subprocess.run([sys.executable, *words], check=True, cwd=ROOT, capture_output=True)
+    words = ["-m", "benchmarks.cost", "--target=h100", f"--json={path}"]
+    subprocess.run([python, *words], check=True, cwd=ROOT, capture_output=True)
     result = json.loads(path.read_text())
     assert result["least_s"] == pytest.approx(result["bytes"] / 3.35e12)
-    assert 0 < result["launches"] < MOST_LAUNCHES  # a GPU fuses more
+    for what, most in MOST_ON_H100.items():
+        assert 0 < result[what] <= most, REMEDY
