@@ -58,14 +58,13 @@ def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvPa
     A depleted EV cannot speed up again, so it does not brake to fall in behind a vehicle. It waits until the traffic
     beside it has passed or made room.
     """
-    slots = config.ev_slots
+    depleted = config.by_slot(False, evs.is_depleted, False)
     changes: dict[str, Any] = dict.fromkeys(("courtesy_left", "courtesy_right"), jnp.inf)
     changes["acceleration_noise"] = 0.0
     if config.num_exits:
         changes["destination"] = params.road.length_m
     for name, value in changes.items():
-        values = getattr(vehicles, name)
-        new = values.at[slots].set(jnp.where(evs.is_depleted, value, values[slots]))
+        new = jnp.where(depleted, value, getattr(vehicles, name))
         vehicles = vehicles.replace(**{name: new})
     return vehicles
 
