@@ -87,6 +87,19 @@ def test_steps_and_clip_follow_the_environments():
     np.testing.assert_allclose(np.diff(values, 2, axis=0), 0.0, atol=1e-12)
 
 
+def test_a_longer_run_takes_smaller_steps():
+    """The learning rate falls beyond ten million decisions, and never jumps."""
+
+    def of(decisions):
+        return PPOConfig(total_timesteps=decisions).for_episodes(600).learning_rate
+
+    assert of(10_000_000) == 1e-3
+    assert of(10_000_001) == pytest.approx(1e-3)
+    assert of(60_000_000) == pytest.approx(3e-4, rel=0.02)
+    rates = [of(10_000_000 * 2**power) for power in range(6)]
+    assert np.all(np.diff(rates) < 0)
+
+
 def test_what_is_given_stays_and_the_rest_follows_it(tmp_path):
     """However it is given: in Python, in a file, or on the command line over a file."""
     given = {"num_envs": 48, "learning_rate": 3e-4, "clip_epsilon": 0.3, "total_timesteps": 10**5}
