@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 
-from medjax.commandline import OneLineParser, as_path, cannot_write, command, leave
+from medjax.commandline import OneLineParser, as_path, cannot_write, command, fail, leave
 from medjax.episodes.files import check_target, write_trajectories
 from medjax.episodes.options import add_episode_options, requested_episode
 from medjax.episodes.recording import Recording
@@ -58,6 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         rows = write_trajectories(pieces(), target)
     except OSError as error:
         return cannot_write(PROG, target, error)
+    except InputError as error:  # a policy of the user's own is only known once it plays
+        return fail(PROG, error)
     print(f"{rows} rows, {vehicles} vehicles: {target}")
     return 0
 

@@ -21,7 +21,7 @@ xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/fcd_file.xsd">
 """
 ROW = (
     '        <vehicle id="{}" x="{:.3f}" y="{:.3f}" angle="{:.3f}" type="{}" speed="{:.3f}" pos="{:.3f}"'
-    ' lane="highway_{}" slope="0.000" acceleration="{:.3f}" posLat="{:.3f}" speedLat="{:.3f}"/>\n'
+    ' lane="highway_{}" slope="{:.3f}" acceleration="{:.3f}" posLat="{:.3f}" speedLat="{:.3f}"/>\n'
 )
 
 
@@ -59,6 +59,7 @@ def _rows(recording: Recording) -> tuple[list[str], np.ndarray, np.ndarray]:
         speed,
         x,
         recording.config.num_lanes - lane,
+        np.full(len(lane), np.degrees(float(recording.params.road.slope))),
         table["acceleration_m_per_s2"].filled(0.0),
         lane * lane_width - lateral,
         -sideways,

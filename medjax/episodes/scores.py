@@ -105,7 +105,7 @@ class Evaluation:
             raise InputError(
                 f"episode_decisions is {length}, allowed: at most {self._most}, as compiled"
             )
-        keys, shows_bars = self._keys(seed), sys.stderr.isatty()
+        keys, shows_bars = self._keys(seed), sys.stderr is not None and sys.stderr.isatty()
         blocks = _progress(keys, desc="episodes") if shows_bars else _in_lines(keys, self.batch)
         parts = [jax.device_get(computed(self._run(weights, keys, params))) for keys in blocks]
         columns = jax.tree.map(lambda *each: np.concatenate(each, axis=1, dtype=np.float64), *parts)

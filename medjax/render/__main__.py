@@ -26,7 +26,12 @@ from medjax.render.camera import AUTO, FORMS, Shot, as_number, check_follow
 from medjax.render.grid import pick, write_grid
 from medjax.render.layout import check_size
 from medjax.render.player import write_player
-from medjax.render.story import known_evaluation, own_evaluation, read_evaluation
+from medjax.render.story import (
+    check_evaluation,
+    known_evaluation,
+    own_evaluation,
+    read_evaluation,
+)
 from medjax.world.catalogue import PRESETS, KeepsLines
 from medjax.world.params import EnvParams
 
@@ -156,6 +161,9 @@ def _evaluation(
     request: Request, env: ChargingEnv, policies: Sequence[str]
 ) -> dict[str, Any] | None:
     """The given evaluation, else the run's own, else that of an unchanged preset; None if there is none."""
+    if request.evaluation:
+        overrides = env.recipe.overrides if env.recipe else {}
+        check_evaluation(request.evaluation, env.name, policies, overrides)
     if request.evaluation or request.out.suffix != ".html":
         return request.evaluation
     played = request.played

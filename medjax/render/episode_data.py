@@ -29,7 +29,7 @@ def pack_episode(timeline: Timeline, camera: np.ndarray) -> tuple[dict[str, Any]
     packer.add("camera", camera[None], 0.01, 2)
     _add_decisions(packer, recording)
     for number, chart in enumerate(charts):
-        packer.add(f"chart{number}", chart.values, 1e-4)
+        packer.add(f"chart{number}", chart.values, _fine(chart.values))
     kinds = np.asarray(recording.frames.kind)
     bodies = [
         {"name": kind.name, "length": length, "width": width}
@@ -122,11 +122,17 @@ def _add_decisions(packer: Packer, recording: Recording) -> None:
     packer.add("sent", decisions.sent[None])
     packer.add("mask", decisions.mask.T)
     packer.add("probability", decisions.probabilities.T, 1e-4)
-    packer.add("reward", decisions.reward[None], 1e-4, 0)
+    packer.add("reward", decisions.reward[None], _fine(decisions.reward), 0)
     terms = np.array([*decisions.reward_terms.values()])
-    packer.add("terms", terms.reshape(len(terms), -1), 1e-4, 0)
+    terms = terms.reshape(len(terms), len(decisions.action))
+    packer.add("terms", terms, _fine(terms), 0)
     packer.add("queue", decisions.queue.T)
     packer.add("cooldown", decisions.cooldown_s[None], 0.01)
+
+
+def _fine(values: np.ndarray) -> float:
+    """A step of 1e-4, or a coarser one with which a packer holds the largest of the values, NaN left out."""
+    return max(1e-4, float(np.nanmax(np.abs(values), initial=0.0)) / 2**30)
 
 
 class Chart(NamedTuple):

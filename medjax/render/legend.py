@@ -100,7 +100,7 @@ def draw_header(canvas: Canvas, layout: Layout, scene: Scene) -> None:
     on_road = scene.evs_on_road
     charging = int((scene.ev_is_charging & on_road).sum())
     counters = [
-        f"MEDs sent {scene.sent} of {scene.fleet}",
+        f"MEDs sent {scene.sent}, fleet {scene.fleet}",
         f"EVs {int(on_road.sum())}",
         f"charging {charging}",
         f"on the way to a slot {int(scene.is_booked.sum()) - charging}",

@@ -101,7 +101,9 @@ def own_evaluation(path: Path, scenario: str, policies: Sequence[str]) -> dict[s
     except InputError:  # no error: the user did not name this file
         return None
     known = any(name in found["policies"] for name in policies)
-    return found if found["scenario"] == scenario and known else None
+    # An episode that is rendered has the preset's reward.
+    same = found["scenario"] == scenario and "reward" not in found
+    return found if same and known else None
 
 
 def read_evaluation(path: Path) -> dict[str, Any]:
@@ -134,16 +136,46 @@ def means(evaluation: Mapping[str, Any], recordings: Sequence[Recording]) -> lis
     """The verdict over many episodes: a row of texts for each recording's policy, None if it was not evaluated.
 
     Raises:
-      InputError: the evaluation is of another world, or of none of the policies.
+      InputError: the evaluation is of another preset, or of none of the policies.
     """
-    world, own = evaluation["scenario"], recordings[0].scenario
-    if world != own:
-        raise InputError(f"the evaluation is of {world}: allowed one of {own}")
-    entries = [evaluation["policies"].get(each.policy) for each in recordings]
-    if not any(entries):
-        known = ", ".join(evaluation["policies"])
-        raise InputError(f"the evaluation has {known}: allowed one with {recordings[0].policy}")
+    names = [each.policy for each in recordings]
+    check_evaluation(evaluation, recordings[0].scenario, names)
+    entries = [evaluation["policies"].get(name) for name in names]
     return [entry and _cells(entry) for entry in entries]
+
+
+def check_evaluation(
+    evaluation: Mapping[str, Any],
+    scenario: str,
+    policies: Sequence[str],
+    overrides: Mapping[str, Any] | None = None,
+) -> None:
+    """Checks that an evaluation is of one of the policies in this world.
+
+    Args:
+      evaluation: as `read_evaluation` returns it.
+      scenario: preset that is rendered; policies: by name.
+      overrides: changes to the preset, whose reward is its own; None leaves both unchecked.
+
+    Raises:
+      InputError: it is not.
+    """
+    if evaluation["scenario"] != scenario:
+        raise InputError(
+            f"the evaluation is of {evaluation['scenario']}: allowed one of {scenario}"
+        )
+    if overrides is not None:
+        changed, own = evaluation.get("overrides", {}), dict(overrides)
+        if changed != own:
+            raise InputError(
+                f"the evaluation's changes to {scenario} are {json.dumps(changed)}: allowed {json.dumps(own)}"
+            )
+        if "reward" in evaluation:
+            terms = ", ".join(evaluation["reward"])
+            raise InputError(f"the evaluation's reward is {terms}: allowed that of {scenario}")
+    if not any(name in evaluation["policies"] for name in policies):
+        known = ", ".join(evaluation["policies"])
+        raise InputError(f"the evaluation has {known}: allowed one with {policies[0]}")
 
 
 def _cells(entry: Mapping[str, Any]) -> list[str]:

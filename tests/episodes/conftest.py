@@ -19,6 +19,7 @@ WORLD = {
     "ev_share": 0.4,
     "arrival_soc_high": 0.3,
     "episode_decisions": 90,
+    "slope": 0.002,
 }
 SET = [text for name, value in WORLD.items() for text in ("--set", f"{name}={value}")]
 

@@ -81,6 +81,7 @@ def test_fcd_reads_back_with_sumos_converter(recording, table, fcd, sumo_home, t
         "vehicle_posLat": (lane - right) * width,
         "vehicle_speedLat": -table["lateral_speed_m_per_s"],
         "vehicle_acceleration": table["acceleration_m_per_s2"].filled(0.0),
+        "vehicle_slope": np.degrees(recording.params.road.slope),
     }.items():
         np.testing.assert_allclose(column(name), expected, atol=6e-4)
 

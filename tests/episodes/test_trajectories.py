@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 
+from medjax.commandline import leave
 from medjax.episodes.recording import Recording
 from medjax.trajectories import main
 
@@ -64,6 +65,21 @@ def test_bad_input_is_one_line_and_exit_code_2(change, message, tmp_path, monkey
     assert line.count("\n") == 1
     assert message in line
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_policy_that_cannot_play_is_one_line(tmp_path, monkeypatch, capsys):
+    """That is known only once it is asked for an action."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    module = "def build(env):\n    return lambda key, obs, state, params: obs\n"
+    (tmp_path / "vector_player.py").write_text(module)
+    with pytest.raises(SystemExit) as end:
+        leave(main(["--policy", "vector_player:build", "--out", "run.csv"]))
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "allowed whole numbers, or a Choice" in said
+    assert not (tmp_path / "run.csv").exists()
 
 
 def test_parquet_without_pyarrow_names_the_remedy(tmp_path, monkeypatch, capsys):

@@ -245,7 +245,7 @@ def test_tooltips_name_everything(pages, parting):
     slots = page.evaluate("medjaxPlayer.episodes[0].slots()")
     right, rear = (next(s for s in slots if s["panel"] == panel) for panel in (1, 2))
     shoulder = page.evaluate("medjaxPlayer.episodes[0].meta.road.shoulder")
-    assert told(940.0, shoulder).startswith("EV 3 ran out, at 0:01")
+    assert told(940.0, shoulder).startswith("EV 3 ran out, at 0:00")
     assert told(right["x"] - 2.0, right["y"]).startswith("right slot of MED 1, free")
     assert told(rear["x"] - 2.0, rear["y"]).startswith("rear slot of MED 1, booked by EV 2")
     assert told(994.0, 6.0).startswith("MED 1 charges EV 1, left slot")

@@ -139,8 +139,8 @@ def test_two_policies_share_one_clock(pages, two):
     settle(page)
     assert page.evaluate("medjaxPlayer.episodes.map((e) => e.frame)") == [240, 240]
     lines = page.locator(".view-line").all_inner_texts()
-    assert "MEDs sent 2 of 3" in lines[0]
-    assert "MEDs sent 0 of 3" in lines[1]
+    assert "MEDs sent 2, fleet 3" in lines[0]
+    assert "MEDs sent 0, fleet 3" in lines[1]
     titles = page.locator("#dispatch-panel h2").all_inner_texts()
     assert titles == ["Dispatch: periodic", "Dispatch: none"]
 

@@ -81,6 +81,18 @@ def test_the_page_holds_the_recording(recording):
     assert titles
 
 
+@pytest.mark.thorough
+def test_the_page_holds_any_reward(recording):
+    """Large ones are rounded to more than 1e-4, and there need be no terms."""
+    large = recording.decisions.reward * 1e9
+    decisions = recording.decisions.replace(reward=large, reward_terms={})
+    _, tables = contents(player_page([dataclasses.replace(recording, decisions=decisions)]))
+    most = np.abs(large).max()
+    assert most > 2**31 * 1e-4
+    np.testing.assert_allclose(tables["reward"][0], large, atol=most / 2**30)
+    assert tables["terms"].shape == (0, len(large))
+
+
 def test_charts_end_at_the_totals_of_the_episode(recording):
     charts = {chart.title: chart.values for chart in charts_of(recording)}
     stats, decisions = recording.decisions.stats, recording.decisions

@@ -18,6 +18,7 @@ from medjax.policies.rules import BASELINES
 from medjax.render.story import (
     BEFORE_S,
     KNOWN,
+    check_evaluation,
     ending,
     first_charge_s,
     known_evaluation,
@@ -174,3 +175,13 @@ def test_bad_evaluations_are_refused(recording, tmp_path):
         means({**found, "scenario": "moon"}, [recording])
     with pytest.raises(InputError, match="other"):
         means({**found, "policies": {"other": {}}}, [recording])
+
+
+def test_an_evaluation_of_another_world_is_refused(recording):
+    found = {**evaluated(recording), "overrides": {"cooldown_s": 30}}
+    own = recording.scenario, [recording.policy]
+    check_evaluation(found, *own, {"cooldown_s": 30.0})
+    with pytest.raises(InputError, match=r'{"cooldown_s": 30}: allowed {}'):
+        check_evaluation(found, *own, {})
+    with pytest.raises(InputError, match="served, dispatches: allowed that of paper"):
+        check_evaluation(found | {"reward": ["served", "dispatches"]}, *own, found["overrides"])

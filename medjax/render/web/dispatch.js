@@ -12,7 +12,7 @@ class DispatchPanel {
     this.reward = element("p");
     this.sent = this._sent();
     const list = element("ul", { className: "sent-list" }, this.sent.map(({ item }) => item));
-    const heading = element("h3", { textContent: `MEDs sent: ${this.sent.length} of ${meta.fleet}` });
+    const heading = element("h3", { textContent: `MEDs sent: ${this.sent.length}, fleet ${meta.fleet}` });
     this.plot = new Plot({
       lines: [{
         values: (i) => 1 - tables.probability.at(0, i),

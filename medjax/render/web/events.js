@@ -24,7 +24,7 @@ function happenings(episode) {
     note(first, "broken", `${track.name} breaks down`, track);
     if (after < frames && later === track) note(after, "broken", `${track.name} drives on`, track);
   }
-  for (const { gone, x, track, name } of episode.ranOut) note(gone, "out", `${name} ran out`, track, x);
+  for (const { frame, slot, track, name } of episode.ranOut) note(frame, "out", `${name} ran out`, track, tables.x.at(slot, frame));
   return found;
 }
 

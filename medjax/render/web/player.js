@@ -202,7 +202,7 @@ class Player {
     let meds = 0;
     for (let i = 0; i < episode.decided(episode.frame); i += 1) meds += sent.at(0, i) > 0;
     const out = episode.ranOut.filter(({ frame }) => frame <= episode.frame).length;
-    line.text.textContent = `MEDs sent ${meds} of ${fleet}  ·  EVs ${evs}  ·  charging ${charging}` +
+    line.text.textContent = `MEDs sent ${meds}, fleet ${fleet}  ·  EVs ${evs}  ·  charging ${charging}` +
       `  ·  booked ${booked.length - charging}  ·  ran out\u00a0${out}`;
   }
 

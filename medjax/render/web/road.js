@@ -195,7 +195,7 @@ class RoadView {
     context.font = `${TEXT_PX}px system-ui, sans-serif`;
     const { ramps, exits, length } = episode.meta.road;
     const named = (places, name) => places.map((x, i) => [strip.px(x), `${name} ${i + 1}`]);
-    const ends = [strip.px(length), `${length / 1000} km`];
+    const ends = [strip.px(length), `${Number((length / 1000).toFixed(2))} km`];
     const labels = [...named(ramps, "ramp"), ...named(exits, "exit"), ends].sort((a, b) => a[0] - b[0]);
     drawLabels(context, labels, strip.bottom + TEXT_PX / 2 + 3, strip.left, strip.right);
   }

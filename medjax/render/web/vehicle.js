@@ -34,9 +34,8 @@ function eventsOf(episode, track) {
       }
     }
   }
-  if (track.last + 1 < episode.frames) {
-    note(track.last + 1, episode.stranded(track) ? "runs out of energy" : "leaves");
-  }
+  for (const { track: whose, frame } of episode.ranOut) if (whose === track) note(frame, "runs out of energy");
+  if (track.last + 1 < episode.frames) note(track.last + 1, "leaves");
   return events.sort((a, b) => a.seconds - b.seconds);
 }
 
@@ -115,7 +114,7 @@ class VehiclePanel {
     let facts;
     if (frame < track.first) facts = [["position", `enters at ${time(track.first)}`]];
     else if (frame <= track.last) facts = factsOf(episode, track, frame);
-    else facts = [["position", `${episode.stranded(track) ? "ran out of energy" : "left"} at ${time(track.last + 1)}`]];
+    else facts = [["position", `left${episode.stranded(track) ? ", out of energy," : ""} at ${time(track.last + 1)}`]];
     this.facts.replaceChildren(...facts.flatMap(([name, value]) => [
       element("dt", { textContent: name }),
       element("dd", { textContent: value }),

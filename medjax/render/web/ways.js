@@ -48,8 +48,9 @@ class Ways extends Diagram {
     context.lineWidth = 2.5;
     context.strokeStyle = theme.med;
     context.stroke(meds);
-    for (const { gone, x } of episode.ranOut) {
-      drawCross(context, this.toX(gone * episode.meta.tickSeconds), toY(x), 3, theme);
+    for (const { frame, slot } of episode.ranOut) {
+      const x = episode.tables.x.at(slot, frame);
+      drawCross(context, this.toX(frame * episode.meta.tickSeconds), toY(x), 3, theme);
     }
   }
 
