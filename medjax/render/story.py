@@ -124,7 +124,12 @@ def read_evaluation(path: Path) -> dict[str, Any]:
             ]
             if not all(isinstance(number, int | float) for number in numbers):
                 raise TypeError
-        sound = isinstance(found["episodes"], int) and isinstance(found["scenario"], str)
+        sound = (
+            isinstance(found["episodes"], int)
+            and isinstance(found["scenario"], str)
+            and isinstance(found.get("overrides", {}), dict)
+            and all(isinstance(name, str) for name in found.get("reward", []))
+        )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:

@@ -162,7 +162,9 @@ def test_bad_evaluations_are_refused(recording, tmp_path):
     unpriced = evaluated(recording)
     unpriced["policies"][recording.policy]["reward_tows"] = None
     empty = json.dumps({"policies": {"a": {}}, "episodes": 1})
-    for text in ("", json.dumps(broken), json.dumps(unpriced), "{}", "[1]", "[" * 200_000, empty):
+    odd = [json.dumps(evaluated(recording) | more) for more in ({"reward": 5}, {"overrides": [1]})]
+    texts = "", json.dumps(broken), json.dumps(unpriced), "{}", "[1]", "[" * 200_000, empty, *odd
+    for text in texts:
         path.write_text(text)
         with pytest.raises(InputError, match="--evaluation"):
             read_evaluation(path)
