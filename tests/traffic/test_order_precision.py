@@ -5,10 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import medjax
+from medjax.env.observation import STEPS
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.neighbours import NOBODY
 from medjax.traffic.road import NO_LANE
-from medjax.world.params import EnvConfig, validate_config
+from medjax.world.params import CHARGING_SLOTS, EnvConfig, validate_config
 from tests.traffic.reference import brute_force
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -110,3 +112,32 @@ def test_the_largest_configuration_fits_its_counters(backend, monkeypatch):
         got = find(order, lane, nowhere, lane + 1, everyone)
         expected = *brute_force(x, lane, lane), *brute_force(x, lane, lane + 1)
         np.testing.assert_array_equal(np.array(got), expected)
+
+
+def test_a_gpu_rounds_no_count_and_no_profile(monkeypatch):
+    """It would round the factors of a product to 11 bits, and counts of several lanes take 24."""
+
+    def products(jaxpr):
+        for equation in jaxpr.eqns:
+            if equation.primitive.name == "dot_general":
+                yield equation
+            for inner in jax.tree.leaves(
+                list(equation.params.values()), is_leaf=lambda p: hasattr(p, "eqns")
+            ):
+                if hasattr(inner := getattr(inner, "jaxpr", inner), "eqns"):
+                    yield from products(inner)
+
+    env, params = medjax.make("paper", observation="profile")
+    key, action = jax.random.key(0), jnp.int32(1)
+    state = jax.eval_shape(env.reset, key, params)[1]
+
+    def products_of(function, *given):
+        # Each trace needs a function of its own, or JAX would return the one before.
+        return len(list(products(jax.make_jaxpr(lambda *x: function(*x))(*given).jaxpr)))
+
+    decision = env.step_env, key, state, action, params
+    of_profile, on_cpu = products_of(env.get_obs, state, params), products_of(*decision)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert on_cpu > products_of(*decision) == of_profile > 0
+    # Whole numbers up to here are exact, and those of the profile are at most a MED's slots in steps.
+    assert len(CHARGING_SLOTS) * STEPS <= 2**11
