@@ -1,7 +1,7 @@
 """`python -m benchmarks.generalization`: dispatchers at demands that they were not made for.
 
 Trained runs and rules play the same episodes of `paper`, at several multiples of its demand, and of `realistic`. The
-runs take their most probable actions, whatever presets and demands they were trained on.
+runs play twice, by their most probable actions and sampled, whatever presets and demands they were trained on.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
 from medjax.wrappers import scale_demand
 from train.evaluation.summary import learned_names, summarize
-from train.evaluation.tables import format_rows
+from train.evaluation.tables import SAMPLED, format_rows
 from train.reporting.figures import new_figure
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
@@ -41,7 +41,9 @@ SIZES: dict[str, Any] = {"num_gas": 288}
 
 
 def load_runs(paths: Sequence[Path], scenario: str) -> dict[str, Policy]:
-    """The trained policies of all runs, ready to play a preset; each seed's is named after the run's directory.
+    """The trained policies of all runs, ready to play a preset, most probable and sampled.
+
+    Each seed's policy is named after the run's directory, and a policy that samples ends in `SAMPLED`.
 
     Raises:
         InputError: a path is no run, its network does not fit the preset, or its name is taken.
@@ -52,8 +54,11 @@ def load_runs(paths: Sequence[Path], scenario: str) -> dict[str, Policy]:
         config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
         env, _, policies = load_policies(path, config)
         own = {
-            name.replace(config.algorithm, path.name, 1): _with_own_observation(env, policies[name])
+            name.replace(config.algorithm, path.name, 1) + end: _with_own_observation(
+                env, policies[name + end]
+            )
             for name in learned_names(policies)
+            for end in ("", SAMPLED)
         }
         if own.keys() & {*found, *BASELINES}:
             raise InputError(f"run {path} has a name that is taken, allowed: names of their own")
@@ -154,13 +159,17 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def plot(path: Path, report: dict[str, Any]) -> None:
-    """Draws the report of `measure` as a PNG: each policy's gain on no action by demand, with rules dashed."""
+    """Draws the report of `measure` as a PNG: each policy's gain on no action by demand, with rules dashed.
+
+    Policies that sample are left out: their lines would hide those of the same networks.
+    """
     demand = medjax.make(MAIN)[1].demand
     vehicles_per_h = float(demand.mainline_per_h + demand.ramp_per_h.sum())
     worlds = {factor: report["worlds"][name]["minus_none"] for name, factor in AT_FACTORS.items()}
     figure = new_figure(8, 5)
     axes = figure.add_subplot()
-    for number, name in enumerate(worlds[1.0]):
+    drawn = [name for name in worlds[1.0] if not name.endswith(SAMPLED)]
+    for number, name in enumerate(drawn):
         rows = [
             {"policy": name, "factor": factor, "gain": gains[name]["mean"]}
             | {"gain_ci95": gains[name]["ci95"]}

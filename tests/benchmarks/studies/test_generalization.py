@@ -62,11 +62,12 @@ def test_demands_and_policies_side_by_side(runs, tmp_path, capsys):
     assert list(worlds) == [*demands, "realistic"]
 
     env, params, policies = load_policies(runs[0], RunDir(runs[0]).load_config())
-    policies = {name: policies[name] for name in ("ppo", *generalization.RULES)}
+    policies = {name: policies[name] for name in ("ppo", "ppo_sampled", *generalization.RULES)}
     scores = evaluate_policies(env, params, policies, episodes=4, seed=3)
-    scores["profile"] = scores.pop("ppo")
+    scores["profile"], scores["profile_sampled"] = scores.pop("ppo"), scores.pop("ppo_sampled")
+    assert (scores["profile"]["return"] != scores["profile_sampled"]["return"]).any()
     played = worlds["paper x 1"]
-    assert set(played["policies"]) == {*scores, "flat"}
+    assert set(played["policies"]) == {*scores, "flat", "flat_sampled"}
     # A difference is no finer than the float32 returns that it is taken of.
     largest = max(np.abs(score["return"]).max() for score in scores.values())
     digit = 4 * float(np.spacing(np.float32(largest)))
@@ -96,7 +97,8 @@ def test_a_run_that_does_not_fit_the_other_preset_is_refused(runs, monkeypatch, 
     other = dataclasses.replace(SCENARIOS["realistic"], config=EnvConfig(num_ramps=3))
     monkeypatch.setitem(SCENARIOS, "realistic", other)
     for run in runs:
-        assert list(generalization.load_runs([run], "paper")) == [run.name]
+        names = [run.name, f"{run.name}_sampled"]
+        assert list(generalization.load_runs([run], "paper")) == names
         error = refused(generalization.main, ["--run-dir", str(run)], capsys)
         assert "of another shape" in error
         assert str(run) in error
