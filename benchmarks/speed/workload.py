@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 import medjax
 from medjax.errors import InputError
+from medjax.numerics import loops
 from medjax.numerics.memory import check_memory, tree_bytes
 from medjax.scenarios import prepare
 from medjax.wrappers import BatchAutoReset, environment_mesh, on_devices
@@ -102,7 +103,7 @@ class Workload:
             return state, (info["step_stats"].vehicle_ticks, sum(sums, jnp.zeros(())))
 
         split = jax.vmap(lambda key: jax.random.split(key, (self.steps, 2)), out_axes=1)
-        state, sums = jax.lax.scan(step, state, split(keys))
+        state, sums = loops.scan(step, state, split(keys))
         return state, jax.tree.map(lambda values: jnp.sum(values, axis=0), sums)
 
     def play(self) -> tuple[float, float]:

@@ -110,7 +110,12 @@ class Rollouts:
         played = same.replace(streams=streams)
         if self._know_arrivals:
             return played
-        return played.replace(state=jax.vmap(redraw)(streams[:, RESET], same.state))
+        env, (_, params) = self.runner.env, self.same
+
+        def other_arrivals(key: jax.Array, state: Any) -> Any:
+            return redraw(key, state, env.config, env.highway(state, params)[1])
+
+        return played.replace(state=jax.vmap(other_arrivals)(streams[:, RESET], same.state))
 
     def returns(
         self, key: jax.Array, played: Episodes, first: int, candidates: list[int]

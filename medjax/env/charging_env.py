@@ -31,6 +31,7 @@ from medjax.env.spaces import Box, Discrete
 from medjax.env.tick import distances_driven, means, physics_tick
 from medjax.env.trips import plan_trips
 from medjax.errors import InputError, shown
+from medjax.numerics import loops
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
@@ -194,7 +195,7 @@ class ChargingEnv:
             return driven, (begun, seen)
 
         of_rounds = jnp.arange(rounds, dtype=jnp.int32), keys, self._first_tick(state) + indices
-        driven, (begun, seen) = jax.lax.scan(play, (state, step_stats), of_rounds)
+        driven, (begun, seen) = loops.scan(play, (state, step_stats), of_rounds)
         seen = jax.tree.map(lambda leaf: leaf.reshape(ticks, *leaf.shape[2:]), seen)
         return driven, begun, seen
 
@@ -242,7 +243,7 @@ class ChargingEnv:
         # One array, since a GPU would launch a program for each of the forty sums.
         sums, as_stats = ravel_pytree(step_stats)
         begun, before_s = packed(state), step_stats.ev_seconds
-        (state, sums), seen = jax.lax.scan(tick, (begun, sums), ticks)
+        (state, sums), seen = loops.scan(tick, (begun, sums), ticks)
         state, step_stats = unpacked(state), as_stats(sums)
         with jax.named_scope("tally"):
             driven = distances_driven(begun.vehicles, state.vehicles, config)

@@ -9,7 +9,7 @@ from medjax.charging.booking import unserved
 from medjax.charging.energy import cruising
 from medjax.env.depots import whole_fleet
 from medjax.env.trips import lacks_charge
-from medjax.traffic.arrivals import new_seed
+from medjax.traffic.arrivals import draw_surges, new_seed
 from medjax.traffic.demand import (
     desired_speeds,
     drawn_kinds,
@@ -53,6 +53,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     # Filter traffic slots only. XLA recomputes the energy for the observation in one kernel with this filter, and the
     # rest of that kernel decides its last bits: filtering the whole array would break reproduction of recorded runs.
     active = _beside_meds(vehicles.active[slots] & alive, config)
+    arrivals = new_seed(arrivals_key)
     return EnvState(
         vehicles=vehicles.replace(active=active),
         evs=unserved(jnp.clip(energy, 0.0, params.ev_capacity_j), complies, sees),
@@ -60,7 +61,8 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         entered_here=jnp.zeros((config.num_entries,), jnp.int32),
         detected_per_s=_detected(config, params),
-        arrivals=new_seed(arrivals_key),
+        arrivals=arrivals,
+        surges=draw_surges(arrivals, config) if config.num_surges else None,
         plugs_free_in_s=_plugs(config),
         stands_for_s=jnp.zeros((config.num_gas,), jnp.float32) if config.num_incidents else None,
         cooldown_s=jnp.zeros((), jnp.float32),

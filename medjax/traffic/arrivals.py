@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
 
 # The stream of incidents, far from those of vehicles and rounds.
@@ -35,13 +36,36 @@ def new_seed(key: jax.Array) -> jax.Array:
     return jax.random.bits(key, (2,), jnp.uint32)
 
 
-def redraw(key: jax.Array, state: Any) -> Any:
-    """Redraws future arrivals of an environment's state, wrapped or not; vehicles on the road stay as they are."""
+def redraw(key: jax.Array, state: Any, config: EnvConfig, params: EnvParams) -> Any:
+    """Redraws future arrivals of an environment's state, wrapped or not.
+
+    Vehicles on the road stay as they are, and so do surges that have begun. Other surges begin later than now.
+    """
+
+    def anew(state: EnvState) -> EnvState:
+        seed, surges = new_seed(key), state.surges
+        if surges is not None:
+            surges = _later_surges(surges, draw_surges(seed, config), state, config, params)
+        return state.replace(arrivals=seed, surges=surges)
+
     return jax.tree.map(
-        lambda node: node.replace(arrivals=new_seed(key)) if isinstance(node, EnvState) else node,
+        lambda node: anew(node) if isinstance(node, EnvState) else node,
         state,
         is_leaf=lambda node: isinstance(node, EnvState),
     )
+
+
+def _later_surges(
+    surges: jax.Array, drawn: jax.Array, state: EnvState, config: EnvConfig, params: EnvParams
+) -> jax.Array:
+    """`surges` `(num_surges, 2)`, with `drawn` in place of those that have not begun, uniform over the time left."""
+    demand = params.demand
+    # Rounds before this decision have been played, so a surge that starts now has not begun.
+    now = state.time * config.decision_s - demand.surge_from_s
+    span = demand.surge_until_s - demand.surge_from_s
+    gone = jnp.clip(now / jnp.where(span > 0.0, span, 1.0), 0.0, 1.0)
+    later = drawn.at[:, 0].set(gone + drawn[:, 0] * (1.0 - gone))
+    return jnp.where(surges[:, :1] * span < now, surges, later)
 
 
 def _stream(seed: jax.Array, stream: jax.Array | int, number: jax.Array) -> jax.Array:
@@ -63,11 +87,11 @@ def draw_traits(seed: jax.Array, stream: jax.Array, number: jax.Array) -> Traits
     return jax.vmap(one)(stream, number)
 
 
-def draw_surges(seed: jax.Array, num_entries: int, num_surges: int) -> jax.Array:
+def draw_surges(seed: jax.Array, config: EnvConfig) -> jax.Array:
     """Uniform draws for the time and the ramp of each surge of demand, `(num_surges, 2)`."""
     # Vehicles use streams 0 to num_entries, and counts the next one.
-    key = _stream(seed, num_entries + 2, jnp.zeros((), jnp.int32))
-    return jax.random.uniform(key, (num_surges, 2), jnp.float32)
+    key = _stream(seed, config.num_entries + 2, jnp.zeros((), jnp.int32))
+    return jax.random.uniform(key, (config.num_surges, 2), jnp.float32)
 
 
 def draw_round(seed: jax.Array, num_entries: int, number: jax.Array) -> jax.Array:

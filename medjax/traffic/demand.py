@@ -8,7 +8,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.traffic.arrivals import draw_surges
 from medjax.traffic.exits import mean_distance
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import (
@@ -32,8 +31,13 @@ def entry_rates(demand: DemandParams, num_lanes: int, time_s: Scalar) -> jax.Arr
     return jnp.concatenate([jnp.full((num_lanes,), mainline / num_lanes), ramps]) / 3600.0
 
 
+def surge_starts(drawn: jax.Array, demand: DemandParams) -> jax.Array:
+    """Start of each surge, `(num_surges,)` s since the episode's start, from `EnvState.surges`, `(num_surges, 2)`."""
+    return demand.surge_from_s + drawn[:, 0] * (demand.surge_until_s - demand.surge_from_s)
+
+
 def surge_factors(
-    seed: jax.Array, config: EnvConfig, demand: DemandParams, time_s: Scalar
+    drawn: jax.Array, config: EnvConfig, demand: DemandParams, time_s: Scalar
 ) -> jax.Array:
     """Factors of the demand at each entry through the surges of an episode, `(num_lanes + num_ramps,)`.
 
@@ -41,12 +45,10 @@ def surge_factors(
     what dispatchers do, who do not know them either: `entry_rates` is the demand that is known.
 
     Args:
-      seed: of the episode's arrivals, `EnvState.arrivals`.
+      drawn: `(num_surges, 2)`, `EnvState.surges`.
       time_s: since the episode's start.
     """
-    drawn = draw_surges(seed, config.num_entries, config.num_surges)
-    earliest, latest = demand.surge_from_s, demand.surge_until_s
-    after_s = time_s - (earliest + drawn[:, 0] * (latest - earliest))
+    after_s = time_s - surge_starts(drawn, demand)
     under_way = (after_s >= 0.0) & (after_s < demand.surge_s)
     ramp = jnp.minimum((drawn[:, 1] * config.num_ramps).astype(jnp.int32), config.num_ramps - 1)
     entry = jnp.arange(config.num_entries, dtype=jnp.int32)

@@ -153,8 +153,8 @@ def admit(
     demand, active, num_entries = params.demand, state.vehicles.active, config.num_entries
     time_s = number * config.round_s
     rates = entry_rates(demand, config.num_lanes, time_s)
-    if config.num_surges:
-        rates *= surge_factors(state.arrivals, config, demand, time_s)
+    if (surges := state.surges) is not None:
+        rates *= surge_factors(surges, config, demand, time_s)
     expected = rates * config.round_s
     arrived = poisson_arrivals(draw_round(state.arrivals, num_entries, number), expected)
     queue = state.queue + arrived

@@ -170,6 +170,8 @@ class EnvState(struct.PyTreeNode):
     # vehicles/s, smoothed counts of the detectors at each entry; None without detectors.
     detected_per_s: Float32[Array, "num_entries"] | None
     arrivals: UInt32[Array, "2"]  # seed of the arrivals (`medjax.traffic.arrivals`)
+    # Uniform draws for the time and the ramp of each surge (`medjax.traffic.demand.surge_starts`); None without surges.
+    surges: Float32[Array, "num_surges 2"] | None
     # s, until each plug is free; 0: free. None without plugs, since an array of size 0 cannot be reshaped to (-1, 0).
     plugs_free_in_s: Float32[Array, "num_exits num_plugs"] | None
     # s, for which each gas vehicle that broke down will stand yet; 0: it drives. None without incidents.

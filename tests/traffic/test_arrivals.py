@@ -92,7 +92,8 @@ def test_redraw_leaves_the_road_as_it_is():
     """Also under a wrapper."""
     env, params = medjax.make("paper")
     state = jax.jit(env.reset)(jax.random.key(0), params)[1]
-    other = redraw(jax.random.key(1), {"inner": state, "of a wrapper": jnp.ones(3)})
+    wrapped = {"inner": state, "of a wrapper": jnp.ones(3)}
+    other = redraw(jax.random.key(1), wrapped, env.config, params)
     assert (other["inner"].arrivals != state.arrivals).any()
     back = other["inner"].replace(arrivals=state.arrivals)
     jax.tree.map(np.testing.assert_array_equal, back, state)

@@ -26,7 +26,8 @@ def test_queues_take_what_arrives(asked, blank):
     @jax.jit
     @jax.vmap
     def one(key):
-        after, _, stats = admit(redraw(key, waiting), jnp.int32(0), env.config, params)
+        anew = redraw(key, waiting, env.config, params)
+        after, _, stats = admit(anew, jnp.int32(0), env.config, params)
         new = after.vehicles.active & ~waiting.vehicles.active
         where = entries(params.road, env.config.num_lanes)
         here = (after.vehicles.x == where.x[:, None]) & (after.vehicles.lane == where.lane[:, None])

@@ -9,8 +9,8 @@ from scipy.stats import chisquare, kstest
 import medjax
 from medjax.env.forecast import expected_need
 from medjax.errors import InputError
-from medjax.traffic.arrivals import new_seed
-from medjax.traffic.demand import surge_factors
+from medjax.traffic.arrivals import draw_surges, new_seed, redraw
+from medjax.traffic.demand import surge_factors, surge_starts
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 # A minute of a decision a second, and so few vehicles that nobody waits long.
@@ -65,7 +65,8 @@ def test_starts_and_ramps_are_drawn_evenly():
 
     @jax.vmap
     def factors(key):
-        of = lambda time: surge_factors(new_seed(key), env.config, params.demand, time)  # noqa: E731
+        drawn = draw_surges(new_seed(key), env.config)
+        of = lambda time: surge_factors(drawn, env.config, params.demand, time)  # noqa: E731
         return jax.vmap(of)(times)
 
     seen = np.asarray(factors(jax.random.split(jax.random.key(0), 1000)))
@@ -78,12 +79,39 @@ def test_starts_and_ramps_are_drawn_evenly():
     assert chisquare(rises.any(axis=1).sum(axis=0)[4:]).pvalue > 1e-3
 
 
+def test_redrawn_surges_begin_later():
+    """A surge that has begun stays; one that has not begins at a uniform time of what is left, at any ramp."""
+    times = {"surge_from_s": 100.0, "surge_until_s": 500.0}
+    env, params = medjax.make("paper", **WORLD | times | {"num_surges": 2})
+    state = jax.jit(env.reset)(jax.random.key(0), params)[1]
+    begun, later = [0.2, 0.9], [0.7, 0.1]  # the first at 180 s, the other at 380 s
+    state = state.replace(surges=jnp.array([begun, later]), time=jnp.int32(300))
+    keys = jax.random.split(jax.random.key(1), 1000)
+    anew = jax.vmap(lambda key: redraw(key, state, env.config, params))(keys)
+    assert (anew.surges[:, 0] == jnp.array(begun)).all()
+    starts = jax.vmap(surge_starts, (0, None))(anew.surges, params.demand)[:, 1]
+    assert kstest((np.asarray(starts) - 300.0) / 200.0, "uniform").pvalue > 1e-3
+    assert kstest(np.asarray(anew.surges[:, 1, 1]), "uniform").pvalue > 1e-3
+
+
+def test_surges_redrawn_before_any_began():
+    """At the episode's start they are those of the new seed, and at a given time they stay there."""
+    env, params = medjax.make("paper", **WORLD)
+    state = jax.jit(env.reset)(jax.random.key(0), params)[1]
+    anew = redraw(jax.random.key(1), state, env.config, params)
+    np.testing.assert_array_equal(anew.surges, draw_surges(anew.arrivals, env.config))
+    given = params.replace(demand=params.demand.replace(surge_until_s=params.demand.surge_from_s))
+    late = state.replace(time=jnp.int32(30))
+    anew = redraw(jax.random.key(1), late, env.config, given)
+    assert surge_starts(anew.surges, given.demand) == given.demand.surge_from_s
+
+
 def test_surges_of_one_ramp_multiply():
     """Two surges at once: the only ramp has the product of their factors, and after them its demand again."""
     given = {"ramp_x_m": [500.0], "num_surges": 2, "surge_from_s": 0.0, "surge_until_s": 0.0}
     env, params = medjax.make("paper", **WORLD | given, surge_factor=3.0)
-    seed = new_seed(jax.random.key(1))
-    of = [surge_factors(seed, env.config, params.demand, time)[-1] for time in (0.0, 19.9, 20.0)]
+    drawn = draw_surges(new_seed(jax.random.key(1)), env.config)
+    of = [surge_factors(drawn, env.config, params.demand, time)[-1] for time in (0.0, 19.9, 20.0)]
     assert of == [9.0, 9.0, 1.0]
 
 

@@ -9,9 +9,9 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 from flax import struct
-from jax import lax
 
 from medjax.env.contract import BatchEnvironment
+from medjax.numerics import loops
 from medjax.numerics.rows import for_true_rows
 from train.algorithms.networks import Categorical, PolicyWeights, apply_policy, apply_value
 
@@ -139,7 +139,7 @@ class Collector:
         # (num_steps, num_envs, 2)
         split = jax.vmap(lambda key: jax.random.split(key, (self.num_steps, 2)), out_axes=1)
         step = partial(self._step, weights, env_params, choose)
-        state, (trajectory, sums) = lax.scan(step, state, split(keys))
+        state, (trajectory, sums) = loops.scan(step, state, split(keys))
         last_value = apply_value(self.network, weights, state.obs)
         return state, trajectory, last_value, jax.tree.map(lambda x: jnp.sum(x, axis=0), sums)
 
