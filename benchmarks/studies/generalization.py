@@ -43,7 +43,7 @@ SIZES: dict[str, Any] = {"num_gas": 288}
 def load_runs(paths: Sequence[Path], scenario: str) -> dict[str, Policy]:
     """The trained policies of all runs, ready to play a preset, most probable and sampled.
 
-    Each seed's policy is named after the run's directory, and a policy that samples ends in `SAMPLED`.
+    Each seed's policy is named after the run's directory. The name of one that samples ends in `SAMPLED`.
 
     Raises:
         InputError: a path is no run, its network does not fit the preset, or its name is taken.
@@ -168,8 +168,9 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     worlds = {factor: report["worlds"][name]["minus_none"] for name, factor in AT_FACTORS.items()}
     figure = new_figure(8, 5)
     axes = figure.add_subplot()
-    drawn = [name for name in worlds[1.0] if not name.endswith(SAMPLED)]
-    for number, name in enumerate(drawn):
+    names = worlds[1.0]
+    sampled = {name + SAMPLED for name in names}
+    for number, name in enumerate(each for each in names if each not in sampled):
         rows = [
             {"policy": name, "factor": factor, "gain": gains[name]["mean"]}
             | {"gain_ci95": gains[name]["ci95"]}

@@ -102,7 +102,7 @@ class Rollouts:
 
         return lax.fori_loop(first, last, decide, played)
 
-    def _branched(self, key: jax.Array, played: Episodes, each: jax.Array) -> Episodes:
+    def _branched(self, key: jax.Array, played: Episodes, each: jax.Array, params: Any) -> Episodes:
         """Copies an episode `rows` times; each copy continues in the future numbered by `each` (rows,)."""
         keys = jax.vmap(jax.random.fold_in, (None, 0))(key, each)
         streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
@@ -110,7 +110,7 @@ class Rollouts:
         played = same.replace(streams=streams)
         if self._know_arrivals:
             return played
-        env, (_, params) = self.runner.env, self.same
+        env = self.runner.env
 
         def other_arrivals(key: jax.Array, state: Any) -> Any:
             return redraw(key, state, env.config, env.highway(state, params)[1])
@@ -132,7 +132,7 @@ class Rollouts:
         each = jnp.arange(self._rows) // count
         plans = jnp.asarray(np.resize(candidates, self._rows), jnp.int32)
         same = jnp.int32(first), jnp.int32(self.steps), self.same
-        returns = self._to_end((self._branch(key, played, each), plans), same)
+        returns = self._to_end((self._branch(key, played, each, self.same[1]), plans), same)
         futures = self._rows // count
         return np.asarray(returns, np.float64)[: futures * count].reshape(futures, count)
 

@@ -12,54 +12,71 @@ from typing import Any
 import jax
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 
-MOST = 64  # numbers of an array that is computed before the loop; reading a larger one costs more than computing it
+# Of an array that is computed before the loop, under `vmap` of one environment. To read a larger one in every pass
+# costs more than to compute it there.
+MOST_NUMBERS = 64
 
 
 def scan(body: Callable[[Any, Any], tuple[Any, Any]], init: Any, xs: Any) -> tuple[Any, Any]:
-    """`jax.lax.scan(body, init, xs)`; on a GPU the body computes only what its arguments change, and large arrays.
+    """Gives what `jax.lax.scan(body, init, xs)` gives.
+
+    Except on a CPU, it computes once, before the loop, each small array that follows from constants of the body alone.
 
     Args:
-      body: `(carry, x)` to `(carry, y)`, as in `jax.lax.scan`.
-      init: the first carry, any pytree.
-      xs: pytree of arrays, whose first axis is scanned over.
+      body: `(carry, x)` to `(carry, y)`.
+      init: the first carry, a pytree of arrays.
+      xs: pytree of arrays; the loop goes over their first axis.
+
+    Returns:
+      (the last carry, every y along a new first axis).
+
+    Raises:
+      TypeError: as `jax.lax.scan`, e.g. for a carry whose type changes.
     """
-    if jax.default_backend() == "cpu":
+    on_cpu = jax.default_backend() == "cpu"
+    if on_cpu or not all(map(_keeps_its_type, jax.tree.leaves((init, xs)))):
         return jax.lax.scan(body, init, xs)
     x = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), xs)
     traced, shape = jax.make_jaxpr(body, return_shape=True)(init, x)
     before, within = _split(traced.jaxpr)
-    fixed = traced.consts + jaxpr_as_fun(ClosedJaxpr(before, ()))(*traced.consts)
-    rest = jaxpr_as_fun(ClosedJaxpr(within, ()))
+    computed = jaxpr_as_fun(ClosedJaxpr(before, ()))(*traced.consts)
+    one_pass = jaxpr_as_fun(ClosedJaxpr(within, ()))
 
     def remaining(carry: Any, x: Any) -> tuple[Any, Any]:
         """A pass that reads what was computed before."""
-        leaves = rest(*fixed, *jax.tree.leaves((carry, x)))
+        leaves = one_pass(*traced.consts, *computed, *jax.tree.leaves((carry, x)))
         made: tuple[Any, Any] = jax.tree.unflatten(jax.tree.structure(shape), leaves)
         return made
 
     return jax.lax.scan(remaining, init, xs)
 
 
+def _keeps_its_type(leaf: Any) -> bool:
+    """Whether shape and dtype are all of a leaf's type: `lax.scan` may promote a weak type, and traces twice then."""
+    kind = jax.typeof(leaf)
+    return not (getattr(kind, "weak_type", False) or getattr(kind, "vma", None))
+
+
 def _split(traced: Jaxpr) -> tuple[Jaxpr, Jaxpr]:
-    """What to compute before the loop, from a body's constants, and the rest of it.
+    """What to compute before the loop, from a body's constants, and the rest of the body.
 
     The rest takes the constants, what was computed before, and the arguments of the body.
     """
     known: set[Var] = {*traced.constvars}
     before, within = [], []
     for equation in traced.eqns:
-        made: list[Any] = [each.aval for each in equation.outvars]
-        fixed = all(isinstance(atom, Literal) or atom in known for atom in equation.invars)
-        if fixed and all(each.size <= MOST for each in made) and not equation.effects:
+        kinds: list[Any] = [made.aval for made in equation.outvars]
+        moves = not equation.effects and all(kind.size <= MOST_NUMBERS for kind in kinds)
+        if moves and all(isinstance(atom, Literal) or atom in known for atom in equation.invars):
             before.append(equation)
             known.update(equation.outvars)
         else:
             within.append(equation)
     read = {atom for equation in within for atom in equation.invars if isinstance(atom, Var)}
     read.update(atom for atom in traced.outvars if isinstance(atom, Var))
-    kept = [atom for equation in before for atom in equation.outvars if atom in read]
-    first, rest = [*traced.constvars], [*traced.constvars, *kept, *traced.invars]
+    kept = [made for equation in before for made in equation.outvars if made in read]
+    constants = [*traced.constvars]
     return (
-        traced.replace(constvars=[], invars=first, outvars=kept, eqns=before),
-        traced.replace(constvars=[], invars=rest, eqns=within),
+        traced.replace(constvars=[], invars=constants, outvars=kept, eqns=before),
+        traced.replace(constvars=[], invars=[*constants, *kept, *traced.invars], eqns=within),
     )

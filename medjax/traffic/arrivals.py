@@ -37,9 +37,19 @@ def new_seed(key: jax.Array) -> jax.Array:
 
 
 def redraw(key: jax.Array, state: Any, config: EnvConfig, params: EnvParams) -> Any:
-    """Redraws future arrivals of an environment's state, wrapped or not.
+    """Redraws what has yet to arrive in one environment; `jax.vmap` takes it to a batch.
 
-    Vehicles on the road stay as they are, and so do surges that have begun. Other surges begin later than now.
+    Vehicles on the road stay as they are. A surge that has begun stays, too. Any other surge gets a ramp and a start
+    anew, uniform over the time that is left. All incidents are drawn anew, whether they have happened or not.
+
+    Args:
+      key: random key.
+      state: state of an environment, wrapped or not.
+      config: sizes and time steps of the highway.
+      params: of the highway, the second result of `env.highway(state, params)`.
+
+    Returns:
+      The state with other arrivals.
     """
 
     def anew(state: EnvState) -> EnvState:
@@ -58,14 +68,14 @@ def redraw(key: jax.Array, state: Any, config: EnvConfig, params: EnvParams) -> 
 def _later_surges(
     surges: jax.Array, drawn: jax.Array, state: EnvState, config: EnvConfig, params: EnvParams
 ) -> jax.Array:
-    """`surges` `(num_surges, 2)`, with `drawn` in place of those that have not begun, uniform over the time left."""
+    """`surges`; `drawn` replaces those that have not begun, and begins later. All are `(num_surges, 2)`."""
     demand = params.demand
-    # Rounds before this decision have been played, so a surge that starts now has not begun.
-    now = state.time * config.decision_s - demand.surge_from_s
     span = demand.surge_until_s - demand.surge_from_s
-    gone = jnp.clip(now / jnp.where(span > 0.0, span, 1.0), 0.0, 1.0)
+    # Surges count at the starts of rounds. The last one that was played began a round ago.
+    last_s = state.time * config.decision_s - config.round_s - demand.surge_from_s
+    gone = jnp.clip(last_s / jnp.where(span > 0.0, span, 1.0), 0.0, 1.0)
     later = drawn.at[:, 0].set(gone + drawn[:, 0] * (1.0 - gone))
-    return jnp.where(surges[:, :1] * span < now, surges, later)
+    return jnp.where(surges[:, :1] * span <= last_s, surges, later)
 
 
 def _stream(seed: jax.Array, stream: jax.Array | int, number: jax.Array) -> jax.Array:

@@ -5,10 +5,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 
 from medjax.env.contract import Info, Params, State, StepResult
 from medjax.env.wrapper import Wrapper, whole_number_of
+from medjax.numerics import loops
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +68,7 @@ class DecideEvery(Wrapper):
             return jax.tree.map(lambda old, new: jnp.where(over, old, new), before, after), probed
 
         first: Any = (obs, state, *rest, info)
-        (*last, info), probed = lax.scan(decide, first, steps)
+        (*last, info), probed = loops.scan(decide, first, steps)
         joined = jax.tree.map(lambda each: each.reshape(-1, *each.shape[2:]), probed)
         return *last, info | joined
 

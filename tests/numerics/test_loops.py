@@ -10,7 +10,9 @@ import pytest
 from medjax.numerics import loops
 
 RATE, INIT, XS = jnp.float32(0.7), jnp.float32(2.0), jnp.arange(5.0)
-TABLE = jnp.linspace(0.0, 1.0, loops.MOST + 1)
+TABLE = jnp.linspace(0.0, 1.0, loops.MOST_NUMBERS + 1)
+
+pytestmark = pytest.mark.versions
 
 
 @pytest.fixture(autouse=True)
@@ -87,6 +89,49 @@ def test_no_passes():
     carry, (outputs, _) = ours(RATE, TABLE, INIT, XS[:0])
     assert carry["total"] == INIT
     assert outputs.shape == (0,)
+
+
+def test_effects_stay_in_their_pass(capfd):
+    """What a body prints is printed in every pass, though it is a constant."""
+
+    def body(carry, x):
+        jax.debug.print("a pass of {}", jnp.float32(0.5), ordered=True)
+        return carry + x, None
+
+    jax.block_until_ready(jax.jit(lambda xs: loops.scan(body, INIT, xs))(XS))
+    jax.effects_barrier()
+    assert capfd.readouterr().out.count("a pass of 0.5") == len(XS)
+
+
+@pytest.mark.parametrize(
+    ("init", "xs"),
+    [
+        (0, jnp.ones(3)),  # lax.scan promotes the first carry
+        (jnp.float16(1), jnp.full(3, 1.0)),
+        ({"none": None, "count": jnp.int32(1)}, {"none": None, "x": jnp.arange(3)}),
+        (jax.random.key(0), jnp.arange(3)),
+    ],
+)
+def test_types_are_those_of_lax_scan(init, xs):
+    """Weak types, leaves that are None, and keys."""
+
+    def body(carry, x):
+        if not isinstance(carry, dict):
+            is_key = jnp.issubdtype(getattr(carry, "dtype", int), jax.dtypes.prng_key)
+            return (jax.random.fold_in(carry, x), x) if is_key else (carry * 2 + x, x)
+        return {"none": None, "count": carry["count"] + x["x"] * jnp.int32(2)}, x
+
+    one, other = (scan(body, init, xs) for scan in (loops.scan, jax.lax.scan))
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for mine, its in zip(*map(jax.tree.leaves, (one, other)), strict=True):
+        assert jax.typeof(mine) == jax.typeof(its)
+        assert jnp.all(mine == its)
+
+
+def test_a_carry_that_changes_its_type_is_refused():
+    """With the error of `lax.scan`."""
+    with pytest.raises(TypeError, match="carry"):
+        loops.scan(lambda carry, x: ((carry, x), None), INIT, XS)
 
 
 def test_a_body_that_moves_nothing():

@@ -81,29 +81,35 @@ def test_starts_and_ramps_are_drawn_evenly():
 
 def test_redrawn_surges_begin_later():
     """A surge that has begun stays; one that has not begins at a uniform time of what is left, at any ramp."""
-    times = {"surge_from_s": 100.0, "surge_until_s": 500.0}
+    times = {"surge_from_s": 100.0, "surge_until_s": 500.0, "rounds_per_decision": 5}
     env, params = medjax.make("paper", **WORLD | times | {"num_surges": 2})
     state = jax.jit(env.reset)(jax.random.key(0), params)[1]
     begun, later = [0.2, 0.9], [0.7, 0.1]  # the first at 180 s, the other at 380 s
-    state = state.replace(surges=jnp.array([begun, later]), time=jnp.int32(300))
+    # Decisions of 5 s: 300 s have been played, the last round from 299 s on.
+    state = state.replace(surges=jnp.array([begun, later]), time=jnp.int32(60))
     keys = jax.random.split(jax.random.key(1), 1000)
     anew = jax.vmap(lambda key: redraw(key, state, env.config, params))(keys)
     assert (anew.surges[:, 0] == jnp.array(begun)).all()
     starts = jax.vmap(surge_starts, (0, None))(anew.surges, params.demand)[:, 1]
-    assert kstest((np.asarray(starts) - 300.0) / 200.0, "uniform").pvalue > 1e-3
+    assert kstest((np.asarray(starts) - 299.0) / 201.0, "uniform").pvalue > 1e-3
     assert kstest(np.asarray(anew.surges[:, 1, 1]), "uniform").pvalue > 1e-3
 
 
-def test_surges_redrawn_before_any_began():
-    """At the episode's start they are those of the new seed, and at a given time they stay there."""
-    env, params = medjax.make("paper", **WORLD)
+@pytest.mark.parametrize("until_s", [0.0, 60.0])
+def test_before_the_first_round_no_surge_has_begun(until_s):
+    """Not even one that is given for the start; so all are those of the new seed."""
+    env, params = medjax.make("paper", **WORLD, surge_from_s=0.0, surge_until_s=until_s)
     state = jax.jit(env.reset)(jax.random.key(0), params)[1]
     anew = redraw(jax.random.key(1), state, env.config, params)
-    np.testing.assert_array_equal(anew.surges, draw_surges(anew.arrivals, env.config))
-    given = params.replace(demand=params.demand.replace(surge_until_s=params.demand.surge_from_s))
-    late = state.replace(time=jnp.int32(30))
-    anew = redraw(jax.random.key(1), late, env.config, given)
-    assert surge_starts(anew.surges, given.demand) == given.demand.surge_from_s
+    drawn = draw_surges(anew.arrivals, env.config)
+    np.testing.assert_array_equal(anew.surges[:, 1], drawn[:, 1])
+    np.testing.assert_array_equal(
+        surge_starts(anew.surges, params.demand), surge_starts(drawn, params.demand)
+    )
+    assert (anew.surges[:, 1] != state.surges[:, 1]).all()
+    after = redraw(jax.random.key(1), state.replace(time=jnp.int32(1)), env.config, params)
+    begun = surge_starts(state.surges, params.demand) <= 0.0
+    np.testing.assert_array_equal(after.surges[begun], state.surges[begun])
 
 
 def test_surges_of_one_ramp_multiply():

@@ -91,13 +91,29 @@ def test_futures_keep_the_arrivals_only_of_a_planner_who_knows_them(state, known
     """Without `--know-arrivals` every future has arrivals of its own; drivers differ either way."""
     env, params = paying(1.0)
     futures = planner.Rollouts(env, params, none(env), HOLD, ROWS, know_arrivals=known)
-    played = futures._branch(jax.random.key(1), state, jnp.arange(ROWS))
+    played = futures._branch(jax.random.key(1), state, jnp.arange(ROWS), params)
     arrivals = jax.random.key_data(played.state.arrivals).reshape(ROWS, -1)
     own = jax.random.key_data(state.state.arrivals).ravel()
     assert len({tuple(row) for row in np.asarray(arrivals)}) == (1 if known else ROWS)
     assert (np.asarray(arrivals) == np.asarray(own)).all() == known
     returns = futures.returns(jax.random.key(1), state, 0, [AS_BASE])
     assert len(set(returns[:, 0])) > 1
+
+
+@pytest.mark.thorough
+def test_futures_keep_surges_that_have_begun():
+    """By the parameters that are given, not by those for which the program was traced."""
+    env, params = paying(1.0, num_surges=2, surge_until_s=20.0)
+    futures = planner.Rollouts(env, params, none(env), HOLD, ROWS)
+    played = jax.jit(futures.runner.start)(episode_keys(0, 1), params)
+    state = jax.tree.map(lambda leaf: leaf[0], played)
+    surges = jnp.array([[0.2, 0.5], [0.8, 0.5]])  # at 4 s and at 16 s
+    state = state.replace(state=state.state.replace(surges=surges, time=jnp.int32(10)))
+    later = params.replace(demand=params.demand.replace(surge_from_s=jnp.float32(15.0)))
+    for given, begun in ((params, 1), (later, 0)):
+        anew = futures._branch(jax.random.key(1), state, jnp.arange(ROWS), given).state.surges
+        assert (anew[:, :begun] == surges[:begun]).all()
+        assert len({float(draw) for draw in anew[:, begun:, 1].ravel()}) == ROWS * (2 - begun)
 
 
 @pytest.mark.thorough
