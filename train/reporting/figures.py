@@ -3,7 +3,7 @@
 Every plot function writes a PNG, and raises ImportError without matplotlib.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +95,8 @@ def plot_curve(
         path: file to write; its directory is made.
         rows: rows of metrics.jsonl.
         config: settings of the run.
-        baselines: mean returns of other policies, drawn as horizontal lines.
+        baselines: mean returns of other policies, drawn as horizontal lines. The legend alone has those that are so
+            far away that the curve would look flat beside them.
     """
     from matplotlib.ticker import EngFormatter
 
@@ -111,8 +112,11 @@ def plot_curve(
         low, high = np.reshape(ends, (-1, 2)).T
         band: dict[str, Any] = {"color": own, "alpha": 0.25, "lw": 0}
         axes.fill_between(steps, low, high, label=interval_of_seeds(num_seeds), **band)
+    bottom, top = limits_of_curve(seeds, baselines.values())
     for name, value in sorted(baselines.items(), key=lambda item: -item[1]):
-        axes.axhline(value, label=f"{name}, {short(value)}", lw=1.6, **look(name))
+        place = "" if bottom <= value <= top else ", below" if value < bottom else ", above"
+        axes.axhline(value, label=f"{name}, {short(value)}{place}", lw=1.6, **look(name))
+    axes.set_ylim(bottom, top)
     axes.set_xlim(0, max((row["env_steps"] / num_seeds for row in rows), default=1))
     axes.xaxis.set_major_formatter(EngFormatter())
     axes.set_xlabel("decisions in all environments" + (" of a seed" if num_seeds > 1 else ""))
@@ -123,6 +127,17 @@ def plot_curve(
     if not len(steps):
         axes.text(0.5, 0.5, "no whole episode ended", ha="center", transform=axes.transAxes)
     save(figure, path)
+
+
+def limits_of_curve(seeds: np.ndarray, lines: Collection[float]) -> tuple[float, float]:
+    """Lowest and highest return to show: of the curve `(points, seeds)`, and of lines that are near by its height."""
+    curve = seeds if seeds.size else np.array([*lines] or [0.0])
+    low, high = float(curve.min()), float(curve.max())
+    far = max(high - low, 1.0)
+    near = [line for line in lines if low - far <= line <= high + far]
+    low, high = min([low, *near]), max([high, *near])
+    margin = 0.05 * max(high - low, 1.0)
+    return low - margin, high + margin
 
 
 def curve_of(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
