@@ -52,7 +52,10 @@ def scan(body: Callable[[Any, Any], tuple[Any, Any]], init: Any, xs: Any) -> tup
 
 
 def _keeps_its_type(leaf: Any) -> bool:
-    """Whether shape and dtype are all of a leaf's type: `lax.scan` may promote a weak type, and traces twice then."""
+    """Whether `lax.scan` takes the leaf as it is: it may promote a weak type, and then traces the body again.
+
+    Under `jax.shard_map` a leaf may also vary over devices, which the type of a slice of it would have to say.
+    """
     kind = jax.typeof(leaf)
     return not (getattr(kind, "weak_type", False) or getattr(kind, "vma", None))
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.traffic.demand import surge_starts
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
 
@@ -72,10 +73,11 @@ def _later_surges(
     demand = params.demand
     span = demand.surge_until_s - demand.surge_from_s
     # Surges count at the starts of rounds. The last one that was played began a round ago.
-    last_s = state.time * config.decision_s - config.round_s - demand.surge_from_s
-    gone = jnp.clip(last_s / jnp.where(span > 0.0, span, 1.0), 0.0, 1.0)
+    last_s = state.time * config.decision_s - config.round_s
+    gone = jnp.clip((last_s - demand.surge_from_s) / jnp.where(span > 0.0, span, 1.0), 0.0, 1.0)
     later = drawn.at[:, 0].set(gone + drawn[:, 0] * (1.0 - gone))
-    return jnp.where(surges[:, :1] * span <= last_s, surges, later)
+    has_begun = surge_starts(surges, demand) <= last_s
+    return jnp.where(has_begun[:, None], surges, later)
 
 
 def _stream(seed: jax.Array, stream: jax.Array | int, number: jax.Array) -> jax.Array:

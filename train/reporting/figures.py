@@ -130,7 +130,10 @@ def plot_curve(
 
 
 def limits_of_curve(seeds: np.ndarray, lines: Collection[float]) -> tuple[float, float]:
-    """Lowest and highest return to show: of the curve `(points, seeds)`, and of lines that are near by its height."""
+    """Lowest and highest return to show.
+
+    The picture holds the curve `(points, seeds)`, and each line that is no further from it than the curve is high.
+    """
     curve = seeds if seeds.size else np.array([*lines] or [0.0])
     low, high = float(curve.min()), float(curve.max())
     far = max(high - low, 1.0)
