@@ -81,18 +81,18 @@ class EpisodeRequest:
             chosen = {text: policy for text, (_, policy) in zip(self.policies, built, strict=True)}
         return env, params, chosen
 
+    def check_memory(self) -> None:
+        """Raises InputError if the recordings of all policies do not fit into memory; compiles nothing."""
+        env, params = self.prepared()
+        config, decisions = env.config, episode_decisions(params)
+        slots = decisions * config.ticks_per_decision * config.num_vehicles * len(self.policies)
+        what = f"an episode of {decisions} decisions with {config.num_vehicles} vehicles"
+        check_memory(what, slots * BYTES_OF_A_SLOT, self.force)
+
     def record(
         self, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
     ) -> list[Recording]:
-        """Plays the episode once with each policy.
-
-        Raises:
-          InputError: the recordings do not fit into memory.
-        """
-        config, decisions = env.config, episode_decisions(params)
-        slots = decisions * config.ticks_per_decision * config.num_vehicles * len(chosen)
-        what = f"an episode of {decisions} decisions with {config.num_vehicles} vehicles"
-        check_memory(what, slots * BYTES_OF_A_SLOT, self.force)
+        """Plays the episode once with each policy."""
         print(f"compiling and playing an episode with {' and '.join(chosen)} ...", file=sys.stderr)
         return [
             record_episode(env, params, policy, name=name, seed=self.seed, episode=self.episode)

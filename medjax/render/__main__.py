@@ -108,6 +108,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     try:
         _check(request, *request.played.prepared())
+        request.played.check_memory()
         env, params, chosen = request.played.build()
         request = dataclasses.replace(request, evaluation=_evaluation(request, env, list(chosen)))
         if request.grid:

@@ -28,7 +28,7 @@ class Scene:
     ev_is_charging: np.ndarray  # (E,) bool
     med_soc: np.ndarray  # (M,)
     med_status: np.ndarray  # (M,) int
-    ran_out_x: np.ndarray  # (D,) m, where EVs without energy left the road so far, where known
+    gone_x: np.ndarray  # (D,) m, where EVs without energy left the road so far, where known
     ran_out: int  # EVs that ran out so far
     sent: int  # MEDs dispatched so far
     fleet: int  # size of the fleet
@@ -45,6 +45,12 @@ class Scene:
     def evs_on_road(self) -> np.ndarray:
         """Which EVs are on the road, (E,) bool."""
         return self.active[self.num_meds : self.num_meds + len(self.ev_soc)]
+
+    @property
+    def ran_out_x(self) -> np.ndarray:
+        """Where EVs that ran out are, or left the road, m."""
+        xs = self.x[self.num_meds : self.num_meds + len(self.ev_soc)]
+        return np.append(self.gone_x, xs[self.evs_on_road & (self.ev_soc <= 0.0)])
 
     @property
     def is_booked(self) -> np.ndarray:
@@ -70,7 +76,7 @@ def scene_of_state(state: EnvState, config: EnvConfig, params: EnvParams, title:
     return _scene_of(
         frame_of(state, params),
         params,
-        ran_out_x=np.zeros(0),
+        gone_x=np.zeros(0),
         ran_out=int(state.stats.depleted),
         sent=int(state.stats.meds_dispatched),
         time_s=int(state.time) * config.decision_s,
@@ -109,11 +115,10 @@ class Timeline:
         share = time_s / recording.config.tick_s - now
         here = self._track_at[now]
         decision = -(-now // recording.ticks_per_decision)
-        ran_out_x = np.array([stop.x_m for stop in self.ran_out if stop.gone <= now])
         scene = _scene_of(
             jax.tree.map(lambda leaf: leaf[now], frames),
             recording.params,
-            ran_out_x=ran_out_x,
+            gone_x=np.array([stop.x_m for stop in self.ran_out if stop.gone <= now]),
             ran_out=sum(stop.frame <= now for stop in self.ran_out),
             sent=int(np.sum(np.asarray(recording.decisions.sent)[:decision] > 0)),
             time_s=time_s,

@@ -175,6 +175,16 @@ def test_a_grid_shows_the_best_the_median_and_the_worst(monkeypatch, recording, 
     page.close()
 
 
+@pytest.mark.parametrize("grid", ["", " --grid 5"])
+def test_memory_is_checked_before_an_episode_is_played(monkeypatch, grid, capsys):
+    monkeypatch.delattr("medjax.render.__main__.evaluate_policies")
+    monkeypatch.setattr("medjax.numerics.memory.memory_bytes", lambda: 10_000)
+    assert main(f"--policy none --out a.html{grid}".split()) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "an episode of 600 decisions with 208 vehicles: about" in err
+
+
 def evaluation_of(argv, *policies):
     """The evaluation that the command shows for these policies, on the preset `paper`."""
     request = _request(build_parser().parse_args(["--out", "a.html", *argv.split()]))

@@ -72,8 +72,9 @@ def test_an_ev_that_ran_out_is_marked_and_counted():
     ev = recording.config.ev_slots.start
     put(recording, ev, 1010.0, 0, frames=slice(0, 3))
     recording.frames.x[3:, ev] = 1010.0
+    recording.frames.ev_soc[:2, 0] = 0.1
     rows = slice(350, 430)
-    assert not len(columns_of(picture(recording, 0.5), colors.RAN_OUT, rows))
+    assert not len(columns_of(picture(recording, 0.25), colors.RAN_OUT, rows))
     columns = columns_of(picture(recording, 0.75), colors.RAN_OUT, rows)
     assert abs(columns.mean() - px(1010.0)) < 3
     assert Timeline(recording).at(0.75).ran_out == 1
@@ -94,19 +95,22 @@ def test_a_body_heads_where_it_drives(sideways):
     assert slope == pytest.approx(sideways / 15.0, abs=0.04)
 
 
-def test_evs_that_run_out_are_counted_at_once_and_marked_where_they_leave():
+def test_evs_that_run_out_are_counted_and_marked_at_once_beside_them_then_where_they_leave():
     recording = blank(1 + 2 * TICKS)
     ev = recording.config.ev_slots.start
     put(recording, ev, 1000.0, 0, speed=10.0, frames=slice(0, 6))
     recording.frames.ev_soc[:2, 0] = 0.1
     timeline = Timeline(recording)
     assert [timeline.at(frame * 0.25).ran_out for frame in range(8)] == [0, 0, 1, 1, 1, 1, 1, 1]
-    assert [len(timeline.at(frame * 0.25).ran_out_x) for frame in (5, 6)] == [0, 1]
-    assert timeline.at(1.5).ran_out_x[0] == pytest.approx(1012.5)
+    where = [timeline.at(frame * 0.25).ran_out_x for frame in range(8)]
+    assert [len(xs) for xs in where] == [0, 0, 1, 1, 1, 1, 1, 1]
+    # 10 m/s until it leaves: its last tick on the road is the sixth
+    np.testing.assert_allclose(np.ravel(where[2:]), [1005.0, 1007.5, 1010.0, *3 * [1012.5]])
     rows = slice(350, 430)
-    assert not len(columns_of(picture(recording, 1.25), colors.RAN_OUT, rows))
-    columns = columns_of(picture(recording, 1.5), colors.RAN_OUT, rows)
-    assert abs(columns.mean() - px(1012.5)) < 3
+    assert not len(columns_of(picture(recording, 0.25), colors.RAN_OUT, rows))
+    for time_s, x_m in ((0.5, 1005.0), (0.625, 1006.25), (1.25, 1012.5), (1.5, 1012.5)):
+        columns = columns_of(picture(recording, time_s), colors.RAN_OUT, rows)
+        assert abs(columns.mean() - px(x_m)) < 3
 
 
 def test_the_scale_of_charge_is_even_and_readable():

@@ -33,12 +33,12 @@ function strokeLines(context, color, width, lines) {
   context.stroke();
 }
 
-/** EVs that ran out and left, on the shoulder. */
+/** A cross on the shoulder for each EV that ran out. */
 function drawRanOut(context, view, episode, theme, radius) {
   const y = view.py(episode.meta.road.shoulder);
-  for (const { gone, x } of episode.ranOut) {
+  for (const { x } of episode.crosses()) {
     const px = view.px(x);
-    if (gone <= episode.frame && px >= view.left && px <= view.right) drawCross(context, px, y, radius, theme);
+    if (px >= view.left && px <= view.right) drawCross(context, px, y, radius, theme);
   }
 }
 

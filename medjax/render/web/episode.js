@@ -198,6 +198,13 @@ class Episode {
     return found;
   }
 
+  /** EVs that have run out by now: each where it is, or where it left the road. */
+  *crosses() {
+    for (const { slot, frame, gone, x, name } of this.ranOut) {
+      if (frame <= this.frame) yield { name, frame, x: gone <= this.frame ? x : this.x[slot] };
+    }
+  }
+
   /** Whether a track ends without energy. */
   stranded(track) {
     return this.ranOut.some(({ slot, gone }) => slot === track.slot && gone === track.last + 1);

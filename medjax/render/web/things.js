@@ -16,9 +16,9 @@ function cellSpeeds(episode) {
 /** Things on the road besides vehicles, topmost first: text, from `from` to `to` m, `deep` m across around `y` m. */
 function* things(episode) {
   const { road, tickSeconds } = episode.meta;
-  for (const { frame, gone, x, name } of episode.ranOut) {
+  for (const { frame, x, name } of episode.crosses()) {
     const text = `${name} ran out, at ${clockText(frame * tickSeconds)}`;
-    if (gone <= episode.frame) yield { text, from: x, to: x, y: road.shoulder, deep: 0 };
+    yield { text, from: x, to: x, y: road.shoulder, deep: 0 };
   }
   for (const slot of episode.slots()) yield* thingsOfSlot(episode, slot);
   const [beside, deep] = [road.lanes * road.laneWidth, road.laneWidth];
