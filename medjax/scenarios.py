@@ -18,6 +18,7 @@ from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
 from medjax.world.charging_params import CoilDesign, build_link
 from medjax.world.checks import check_numbers
+from medjax.world.kinds import GAS
 from medjax.world.numbers import as_numbers, read_number
 from medjax.world.params import COILS, SIZES, EnvParams
 from medjax.world.presets import PLACES, SCENARIOS, Recipe, change_numbers
@@ -127,6 +128,17 @@ def _profile(numbers: dict[Any, Any], sizes: dict[Any, Any]) -> np.ndarray | Non
     return profile
 
 
+def _as_slow(scenario: str, road: Mapping[str, Any]) -> dict[str, Any]:
+    """A road's numbers; kinds that the preset makes slower than cars desire no more than there."""
+    preset = SCENARIOS[scenario]
+    own = np.asarray(preset.params(preset.config).drivers.desired_speed)
+    speeds = as_numbers(road.get("desired_speed"))
+    if speeds is None or speeds.shape != own.shape:
+        return dict(road)
+    kept = np.where(own < own[GAS], np.minimum(own, speeds), speeds)
+    return {**road, "desired_speed": kept.tolist()}
+
+
 def prepare(
     name: str = "paper",
     *,
@@ -153,7 +165,8 @@ def prepare(
     for what, source in READ.items():
         if (read := overrides.pop(what, None)) is not None:
             _check(isinstance(read, Mapping), what, read, f"numbers by name, as of {source}")
-            overrides = {**read, **overrides}
+            numbers_read = _as_slow(name, read) if what == "road" else read
+            overrides = {**numbers_read, **overrides}
     sizes, numbers, coils, weights = _sort(overrides)
     for places, size in (("ramp_x_m", "num_ramps"), ("exit_x_m", "num_exits")):
         given: Any = numbers.get(places, numbers.get(f"road.{places}"))
@@ -195,7 +208,7 @@ def make(
       name: one of `SCENARIOS`.
       reward: name of a set of terms (`medjax.env.reward.REWARDS`: "paper", "money"), or functions by name; None takes
         that of the preset. A term without a weight in the preset gets weight 0 if it is one of `medjax.TERMS`, and 1
-        if it is your own.
+        if it is your own, unless it has the name of a price (`medjax.world.weights.PRICES`): then it gets that.
       observation: a name in `medjax.env.observation.OBSERVATIONS`, or your own (`ChargingEnv`).
       following: car-following model (`medjax.traffic.following.CarFollowing`); None takes IDM+.
       coupling: model of coil efficiency; None takes the circuit, `medjax.charging.link.COUPLINGS` has others.

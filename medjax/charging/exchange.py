@@ -84,7 +84,7 @@ def exchange(
     """Transfer and driving energy of one tick.
 
     The tally excludes braking energy that a full battery cannot take, and driving energy beyond what an EV's battery
-    still holds. An empty MED drives on. The tally includes that energy, because a depot pays for it.
+    still holds. An empty MED drives on. The tally of driving includes that energy; what a depot gives back does not.
 
     Args:
       before, after: the vehicles before and after the tick.

@@ -79,7 +79,8 @@ def leaves_road(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvPara
     rightmost = vehicles.lane[slots] >= config.num_lanes - 1  # or on an acceleration lane
     settled = jnp.abs(vehicles.lateral_offset[slots]) < SETTLED_M
     on_shoulder = rightmost & settled & (params.charging.depleted_blocks == 0)
-    return evs.is_depleted & (on_shoulder | (evs.standing_s >= params.charging.tow_s))
+    stands = vehicles.speed[slots] < STANDING_M_PER_S
+    return evs.is_depleted & (on_shoulder | stands & (evs.standing_s >= params.charging.tow_s))
 
 
 def run_out(vehicles: Vehicles, evs: EVs, config: EnvConfig) -> tuple[EVs, jax.Array]:

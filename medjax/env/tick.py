@@ -35,7 +35,8 @@ def physics_tick(
 
     Args:
       drivers: of its vehicles; constant within a round.
-      tick: () int32, ticks since reset; its parity selects the side to which drivers look.
+      tick: () int32, ticks since reset, or since the decision began where a decision covers whole cycles of
+        `lane_change_groups`; its parity selects the side to which drivers look.
       following, coupling: as in `ChargingEnv`.
 
     Returns:

@@ -50,7 +50,7 @@ class FleetParams(struct.PyTreeNode):
         0,
         math.inf,
         "m",
-        "a MED leaves at the first exit after this distance; inf: at the road's end, or when it is empty",
+        "a MED leaves at the first exit after this distance, or when it is empty; else at the road's end",
     )
     service_speed: Scalar = number(
         22.0,
@@ -128,7 +128,12 @@ class ChargingParams(struct.PyTreeNode):
         2.0, 0.1, 20, "m", "standstill gap in a platoon; as `drivers.min_gap`"
     )
     dock_gap_m: Scalar = number(
-        12.0, 0.1, 100, "m", "bumper to bumper; chosen: above the platoon's gap at 22 m/s, 8.6 m"
+        12.0,
+        0.1,
+        100,
+        "m",
+        "bumper to bumper; chosen: above the platoon's gap at 22 m/s, 8.6 m; where that gap is larger than this and "
+        "`dock_tolerance_m`, nobody reaches the rear and front slots",
     )
     dock_tolerance_m: Scalar = number(
         0.3,

@@ -99,8 +99,11 @@ def read_number(
     """
     is_list = isinstance(value, list | tuple)
     given_shape = _shape_of_list(value) if is_list else getattr(value, "shape", ())
-    if given_shape != shape and not (fill and given_shape == ()):
+    fills = fill and given_shape == ()
+    if given_shape != shape and not fills:
         raise InputError(f"{name} has shape {shown(given_shape)}: allowed {shape}")
+    if fills and 0 in shape:
+        raise InputError(f"{name} = {shown(value)}: allowed with num_{limits.per}s of 1 or more")
     given = as_numbers(value)
     if given is None:
         raise InputError(f"{name} = {shown(value)}: allowed {limits}")

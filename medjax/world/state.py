@@ -95,7 +95,9 @@ class EpisodeStats(struct.PyTreeNode):
     entered: Float32[Array, "num_kinds"]  # vehicles, those at reset included
     left: Float32[Array, "num_kinds"]  # at an exit or the end of the road, except depleted EVs
     missed_exits: Float32[Array, ""]  # vehicles that could not reach their exit
-    charging_stops: Float32[Array, ""]  # EVs that left to charge at an exit
+    charging_stops: Float32[
+        Array, ""
+    ]  # EVs that left to charge, at an exit or, past the last one, at the road's end
     plug_stops: Float32[Array, ""]  # of these, EVs that took a plug (`EnvConfig.num_plugs`)
     plug_wait_s: Float32[Array, ""]  # their waits for it
     plug_charging_s: Float32[Array, ""]  # and the times that they charge there

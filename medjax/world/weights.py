@@ -44,7 +44,8 @@ PRICES = {
     "delay_h": weight(
         -20.0,
         "EUR/h",
-        "value of a car's time; UK TAG 2022: 16.83 GBP per vehicle-hour; other guidance: 12-30",
+        "value of a car's time, also for a MED that waits at a ramp, beside `med_h`; UK TAG 2022: 16.83 GBP per "
+        "vehicle-hour; other guidance: 12-30",
     ),
     "depot_kwh": weight(
         -0.22,
@@ -64,7 +65,8 @@ PRICES = {
     "tows": weight(
         -250.0,
         "EUR",
-        "200 for the tow (120-270 in Germany), plus two hours of the driver; `delay_h` has the delay of others",
+        "200 for the tow (120-270 in Germany), plus two hours of the driver; `delay_h` adds the delay of all vehicles, "
+        "its own until it is off the road",
     ),
     "charging_stops": weight(
         -18.0,

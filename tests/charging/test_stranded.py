@@ -117,6 +117,15 @@ def test_blocks_its_lane_until_it_is_towed():
     assert float(stats.depleted) == 1.0
 
 
+def test_is_not_towed_while_it_moves():
+    env, params = quiet(depleted_blocks=1, tow_s=0.0)
+    states, _ = play(env, params, alone(env, params, 1, 2.0))
+    ev = env.config.num_meds
+    on_road = states.vehicles.active[:, ev]
+    assert not on_road[-1]
+    assert states.vehicles.speed[on_road, ev][-1] < 0.13  # a tick later it stands, and is gone
+
+
 @pytest.mark.parametrize("speed", [0.0, 0.5, 1.0, 2.0, 2.5, 3.0, 4.0, 6.0])
 def test_no_ev_stops_between_two_lanes(speed):
     """An EV that is too slow to change lanes stays in the middle of its own until it is towed."""

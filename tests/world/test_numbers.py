@@ -33,6 +33,8 @@ BESIDE = {
     "road.ramp_x_m": LONG | {"num_ramps": 1, "acceleration_lane_m": 10, "ramp_speed": 1},
     "road.acceleration_lane_m": LONG | {"num_ramps": 1, "ramp_speed": 1},
     "demand.ramp_speed": {"max_braking": 9},
+    "road.exit_x_m": LONG | {"num_exits": 1, "exit_lane_m": 10},
+    "demand.exit_share": {"num_exits": 1},
     "demand.arrival_soc_low": {"arrival_soc_high": 1},
     "demand.arrival_soc_high": {"arrival_soc_low": 0},
     "demand.surge_from_s": {"surge_until_s": 1e9},
@@ -55,9 +57,10 @@ BESIDE = {
 
 
 def reachable(row):
-    """The range, less the acceleration lane that a ramp needs before the road ends."""
-    high = row.high - 10 if row.name == "road.ramp_x_m" else row.high
-    return row.low, high
+    """The range, less the lanes that a ramp needs before the road ends and an exit after it begins."""
+    high = row.high - 10 if row.name in ("road.ramp_x_m", "road.exit_x_m") else row.high
+    low = 10 if row.name == "road.exit_x_m" else row.low
+    return low, high
 
 
 def forms(value):
@@ -92,6 +95,7 @@ def test_ends_of_ranges(name):
             if name in SIZES and row.whole and np.asarray(value).dtype.kind == "f":
                 continue
             got = np.asarray(accepted(name, value))
+            assert got.size
             np.testing.assert_allclose(got, end, rtol=1e-7)
             if got.ndim:
                 accepted(name, [value] * got.size)

@@ -43,7 +43,7 @@ class AgentActions:
     lanes: tuple[int, ...]  # service lanes to choose from
     num_ramps: int
     exits: bool  # whether the road has exits, by which a MED may leave early
-    usual: tuple[int, int] = (0, 0)  # indices of the preset's own speed and lane
+    usual: tuple[int, int] = (0, 0)  # indices of the fleet's own speed and lane
     depots: int = 1  # that a leaving MED may choose from
 
     @property
@@ -95,13 +95,13 @@ class AgentActions:
         return Parts(jnp.where(serves, 0, action), *reversed(choices))
 
     def by_rule(self, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
-        """The rule's choices, `(A,)` each: the speeds and lanes nearest to the fleet's."""
+        """The rule's choices, `(A,)` each: the fleet's speed, and the lane nearest to the fleet's."""
         usual = params.fleet
         wait = jnp.zeros(state.meds.status.shape, jnp.int32)
         lane = jnp.where(_is_alone(state), usual.service_lane, state.meds.service_lane)
         return Parts(
             enter=wait,
-            speed=_nearest(self.speeds, wait + usual.service_speed),
+            speed=wait + self.usual[0],
             lane=_nearest(self.lanes, lane),
             accept=wait + 1,
             leave=wait,
@@ -187,7 +187,9 @@ def give_orders(
     vehicles, meds = state.vehicles, state.meds
     serves = meds.status == IN_SERVICE
     answers = serves | (meds.status == QUEUED) | (meds.status == MERGING)
-    speed = jnp.asarray(actions.speeds, jnp.float32)[parts.speed]
+    # The fleet's speed may have been replaced since the actions were made.
+    speeds = jnp.asarray(actions.speeds, jnp.float32)
+    speed = speeds.at[actions.usual[0]].set(params.fleet.service_speed)[parts.speed]
     lane = jnp.asarray(actions.lanes, jnp.int32)[parts.lane]
     if actions.exits:
         leaves = serves & (parts.leave > 0)

@@ -38,6 +38,17 @@ def test_every_combination_is_one_action(actions):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("speed", [15.9, 20.0])
+def test_action_0_keeps_the_fleet_s_speed_when_that_is_replaced(trips, busy, speed):
+    fleet = trips.params.fleet.replace(service_speed=jnp.float32(speed))
+    params = trips.params.replace(fleet=fleet)
+    state, _ = give_orders(busy, trips.by_rule(busy, params), trips.actions, trips.config, params)
+    serves = np.asarray(busy.meds.status == IN_SERVICE)
+    assert serves.any()
+    np.testing.assert_array_equal(state.meds.service_speed[serves], np.float32(speed))
+
+
+@pytest.mark.thorough
 def test_action_0_is_the_rule(trips, busy):
     """The fleet's speed and lane, every EV is taken, nobody leaves."""
     rule = trips.by_rule(busy, trips.params)
