@@ -14,6 +14,7 @@ import pytest
 from medjax import commandline
 from medjax.world.params import SIZES
 from tests.bad_texts import FILES, PATHS, TEXTS
+from tests.benchmarks.studies.test_prices import ISO, rows, text_of
 from tests.documented import NUMBERS, ROOT
 from tests.refusals import MOST_S, AcceptedError, check_line
 from tests.test_bad_input import (
@@ -42,7 +43,11 @@ def work(tmp_path, monkeypatch):
     (work / "loop").symlink_to("loop")
     (work / "dangling").symlink_to("nowhere")
     (work / "run").mkdir()
-    (work / "run/config.json").write_text("{}")
+    (work / "run/config.json").write_text('{"config": {}, "versions": {}}')
+    (work / "run/checkpoints").mkdir()
+    # Commands ask whether there is a checkpoint, and `nothing_starts` stops them before they read it.
+    (work / "run/checkpoints/1.npz").write_text("")
+    (work / "prices.csv").write_text(text_of(*rows((2024, 1, 1), (2024, 12, 31), ISO)))
     (work / "policy").mkdir()
     (work / "policy/policy.zip").write_text("no zip")
     monkeypatch.chdir(work)
@@ -102,7 +107,7 @@ COMMANDS = {
     "benchmarks.speed.kernels": [],
     "benchmarks.peers.__main__": [],
     "benchmarks.studies.planner": [],
-    "benchmarks.studies.prices": ["new.csv"],
+    "benchmarks.studies.prices": ["prices.csv"],
     "benchmarks.speed.scaling": [],
     "benchmarks.speed.throughput": [],
     "benchmarks.verification.own_road.compare": [],
@@ -152,10 +157,16 @@ def bad_lines(name, options):
         else:
             texts = TEXTS
             lines.append([*start, flag])
-        if dest in DIRECTORY_OPTIONS and flag + "=run" in start:
-            start = [word for word in start if not word.startswith(flag)]
-        lines += [[*start, f"{flag}={text}"] for text in texts]
+        own = [word for word in start if word != f"{flag}=run"]
+        lines += [[*own, f"{flag}={text}"] for text in texts]
     return lines
+
+
+@pytest.mark.parametrize("name", [name for name, words in COMMANDS.items() if words])
+def test_good_command_lines_are_accepted(name, work):
+    """Else a command line would be refused whatever follows."""
+    with contextlib.suppress(AcceptedError):
+        assert exit_code(importlib.import_module(name), COMMANDS[name]) in (0, None)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -1,4 +1,4 @@
-"""Derivatives of decisions with respect to every number of the world: finite, and equal in reverse and forward mode."""
+"""Derivatives with respect to the numbers of the world: finite, equal in reverse and forward mode, and true."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,10 @@ import pytest
 
 import medjax
 from benchmarks.verification.golden import BUSY, QUIET, TRIPS
+from medjax.env.tick import physics_tick
+from medjax.traffic.step import drivers_of
 from medjax.world.state import IN_SERVICE
+from tests.test_precision import platoon, played
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -27,11 +30,13 @@ def floats(params):
     return smooth, lambda changed: jax.tree.unflatten(tree, (arrays | changed).values())
 
 
-SLOW = pytest.param("exits and all", marks=pytest.mark.slow)  # for its compiling
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("world", ["charging", SLOW])
+@pytest.mark.parametrize(
+    "world",
+    [
+        pytest.param("charging", marks=pytest.mark.thorough),
+        pytest.param("exits and all", marks=pytest.mark.slow),  # for its compiling
+    ],
+)
 def test_reverse_mode_is_finite_and_as_forward_mode(world):
     """Two decisions on a road in traffic: no derivative is NaN, and both modes agree in any direction."""
     name, size, warm = WORLDS[world]
@@ -77,6 +82,49 @@ def test_reverse_mode_is_finite_and_as_forward_mode(world):
         each = [np.vdot(np.asarray(slopes[name], np.float64), x) for name, x in way.items()]
         size = sum(map(abs, each))
         assert float(forwards(way)) == pytest.approx(sum(each), rel=2e-3, abs=1e-5 * size)
+
+
+SMOOTH = ("ev.mass_kg", "med.drag_coefficient", "charging.slot_power_w", "link.load_ohm")
+
+
+@pytest.mark.thorough
+def test_derivatives_are_those_of_central_differences():
+    """In float64, of the charge and place of a MED and the EVs in its slots, after eight ticks in which all charge."""
+    env, params = medjax.make("long", num_meds=1, num_evs=4, num_gas=0, service_speed=17.987)
+    state, _ = played(env, params, platoon(env, params, 1000.0), 80, np.float64)
+    state = jax.tree.map(lambda leaf: leaf[-1], state)
+    assert state.evs.is_charging.all()
+    with jax.enable_x64(True):
+        smooth, replaced = floats(in_float64(params))
+        state = in_float64(state)
+        numbers = {name: smooth[name] for name in SMOOTH}
+
+        def outcome(changed):
+            world = replaced(changed)
+            drivers = drivers_of(state, env.config, world)
+
+            def tick(state, number):
+                return physics_tick(state, drivers, number, env.config, world)[0], None
+
+            last, _ = jax.lax.scan(tick, state, jnp.arange(8, dtype=jnp.int32))
+            return jnp.sum(last.evs.energy_j) + 2.0 * last.meds.energy_j[0] + last.vehicles.x.sum()
+
+        slopes = jax.jit(jax.grad(outcome))(numbers)
+        value = jax.jit(outcome)
+        for name, number in numbers.items():
+            step = 1e-4 * number
+            high, low = (value(numbers | {name: number + by}) for by in (step, -step))
+            difference = float(high - low) / float(2.0 * step)
+            assert abs(difference * number) > 1.0, name  # J: it matters
+            assert float(slopes[name]) == pytest.approx(difference, rel=1e-5), name
+
+
+def in_float64(tree):
+    """The same numbers in float64."""
+    return jax.tree.map(
+        lambda leaf: jnp.asarray(leaf, np.float64 if np.asarray(leaf).dtype.kind == "f" else None),
+        jax.device_get(tree),
+    )
 
 
 def test_the_code_for_gpus_has_derivatives(monkeypatch):

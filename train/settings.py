@@ -18,6 +18,10 @@ MOST_BYTES = 2**16  # in a file of settings
 GIVEN = "given from Python"  # marks the file of a run whose settings do not rebuild its environment
 # The deterministic rules of medjax.BASELINES that do not change how vehicles drive.
 DISPATCHERS = ("periodic", "paced", "greedy", "forecast", "budgeted")
+# The only values that some settings may have without agents, and others with them, where they would do nothing or harm.
+OF_DISPATCHERS = ("credit", "team", ""), ("dispatcher", "agents", "")
+LONGER = "; --set rounds_per_decision=N makes decisions longer"  # action 0 in between would cancel an agent's orders
+OF_AGENTS = ("wrapper", "none", ""), ("observation", "profile", ""), ("decide_every", 1, LONGER)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,7 +116,6 @@ class TrainConfig(abc.ABC):
     eval_episodes: int = option(
         64, "run", "episodes of the closing evaluation; 0: none", limits=(0, 10**7)
     )
-
     force: bool = option(False, "run", "start even if the run needs more memory than there is")
 
     network: str = option(
@@ -148,7 +151,7 @@ class TrainConfig(abc.ABC):
     initial_wait: float = option(
         0.8,
         "network",
-        "initial probability of action 0, unless training starts from a rule",
+        "initial probability of action 0, unless a rule is the start; of agents, also of the usual lane and accepting",
         limits=(0.001, 0.999),
     )
     compute_dtype: str = option(
@@ -168,19 +171,15 @@ class TrainConfig(abc.ABC):
         for name in ("hidden", "encoder"):
             if not getattr(self, name):
                 raise InputError(f"{name} is empty, allowed: at least one width")
-        for name, usual in (("credit", "team"), ("dispatcher", "agents")):
-            if self.agents == "none" and (given := getattr(self, name)) != usual:
-                raise InputError(f"agents is 'none' and {name} is {given!r}, allowed: {usual}")
-        if self.wrapper != "none" and self.agents != "none":
-            given = f"agents is {self.agents!r} and wrapper {shown(self.wrapper)}"
-            raise InputError(f"{given}, allowed: agents none")
+        for name, usual, hint in OF_DISPATCHERS if self.agents == "none" else OF_AGENTS:
+            if (value := getattr(self, name)) != usual:
+                given = f"agents is {self.agents!r} and {name} is {shown(value)}"
+                raise InputError(f"{given}, allowed: {usual}{hint}")
         if self.eval_episodes == 1:
             raise InputError("eval_episodes is 1, allowed: 0, or at least 2")
         if self.num_envs and self.total_timesteps and self.num_updates > MOST_COUNTED:
-            raise InputError(
-                f"total_timesteps is {self.total_timesteps}, allowed: at most {MOST_COUNTED} updates, "
-                f"{MOST_COUNTED * self.steps_per_update}"
-            )
+            most = f"{MOST_COUNTED} updates, {MOST_COUNTED * self.steps_per_update}"
+            raise InputError(f"total_timesteps is {self.total_timesteps}, allowed: at most {most}")
 
     @property
     def changes(self) -> dict[str, Any]:
@@ -255,7 +254,7 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
 
 
 def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config:
-    """Reads the config.json of a run, or a file of settings; the suffix distinguishes JSON and YAML.
+    """Reads the config.json of a run (without its `force`), or a file of settings; the suffix tells JSON from YAML.
 
     Args:
         path: file to read.
@@ -274,7 +273,8 @@ def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config
             "allowed: train.api.train and evaluate, with that environment"
         )
     try:
-        return from_json(data["config"] if is_file_of_run else data, *kinds)
+        config = from_json(data["config"] if is_file_of_run else data, *kinds)
+        return dataclasses.replace(config, force=False) if is_file_of_run else config
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

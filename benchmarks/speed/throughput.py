@@ -11,7 +11,10 @@ from typing import Any
 from benchmarks.command import add_number, add_scenario, benchmark_parser, natural, run_command
 from benchmarks.speed.stages import stage_times
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
+from medjax.errors import InputError
 from medjax.wrappers import environment_mesh
+
+NUM_ENVS = 1024  # unless told otherwise
 
 
 def show(result: Measurement) -> None:
@@ -33,14 +36,25 @@ def show_stages(times: dict[str, float]) -> None:
 
 
 def cases_of(options: argparse.Namespace) -> list[tuple[int, dict[str, Any]]]:
-    """Number of environments and overrides of each requested measurement."""
+    """Number of environments and overrides of each requested measurement.
+
+    Raises:
+      InputError: an option that another one leaves without effect, or a preset that has no roads of other lengths.
+    """
+    sizes = options.num_envs or [NUM_ENVS]
+    if options.sweep == "envs" and options.num_envs:
+        raise InputError("--num-envs: allowed without --sweep envs, which has its own numbers")
+    if options.sweep == "vehicles" and len(sizes) > 1:
+        raise InputError("--num-envs: allowed one number with --sweep vehicles")
+    if options.stages and (options.sweep or len(sizes) > 1):
+        raise InputError("--stages: allowed without --sweep, and with one number of --num-envs")
     if options.sweep == "envs":
         return [(num_envs, {}) for num_envs in ENVS]
     if options.sweep == "vehicles":
         # With a constant total of vehicles only the length of a road differs.
-        most, scenario = options.num_envs[0] * VEHICLES[0], options.scenario
+        most, scenario = sizes[0] * VEHICLES[0], options.scenario
         return [(max(1, most // count), road_for(count, scenario)) for count in VEHICLES]
-    return [(num_envs, {}) for num_envs in options.num_envs]
+    return [(num_envs, {}) for num_envs in sizes]
 
 
 def time_cases(options: argparse.Namespace) -> Any:
@@ -65,7 +79,8 @@ def time_cases(options: argparse.Namespace) -> Any:
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("throughput", __doc__)
     shown = "environments side by side; several numbers are timed one after the other"
-    add_number(parser, "--num-envs", [1024], shown, nargs="+")
+    add_number(parser, "--num-envs", [NUM_ENVS], shown, nargs="+")
+    parser.set_defaults(num_envs=None)  # so that a given number is told from the default
     shown = f"time {ENVS} environments, or roads of {VEHICLES} vehicles"
     parser.add_argument("--sweep", choices=("envs", "vehicles"), help=shown)
     shown = "show how a decision's time splits into stages"

@@ -26,11 +26,11 @@ STATES_AT_ONCE = 2  # at least the old state and the new one
 
 @dataclasses.dataclass(frozen=True)
 class Measurement:
-    """Figures for one number of environments; medians over repeats."""
+    """Figures for one number of environments; speeds are medians over repeats."""
 
     active_vehicle_updates_per_s: float
     env_steps_per_s: float
-    mean_active_vehicles: float
+    mean_active_vehicles: float  # on one road, in the last repeat
     ticks_per_step: int
     compile_s: float
     num_envs: int
@@ -128,7 +128,7 @@ def alternate(works: list[Workload], repeats: int) -> list[Measurement]:
 
 
 def summarize(work: Workload, calls: list[tuple[float, float]]) -> Measurement:
-    """Medians of the results of `Workload.play`."""
+    """Figures of the results of `Workload.play`."""
     num_envs, decisions = work.num_envs, work.num_envs * work.steps
     ticks = work.env.config.ticks_per_decision
     plan: Any = work.program.memory_analysis()

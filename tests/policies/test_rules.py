@@ -73,11 +73,22 @@ def test_only_allowed_actions(episodes):
     assert not episodes["slow"][0].any()
 
 
-def test_random_is_uniform_over_ramps(episodes):
+def test_random_sends_all_from_all_ramps(episodes):
     """All 15 MEDs are sent, from all ramps."""
     action, _, _ = episodes["random"]
     assert np.all((action > 0).sum(1) == 15)
     assert len(np.unique(action)) == 5
+
+
+def test_random_draws_evenly_from_what_is_allowed(paper, started):
+    """Of 5000 keys each action gets a fifth, to four and a half standard errors."""
+    env, params = paper
+    _, state = started
+    assert jax.jit(env.action_mask)(state, params).all()
+    rule = medjax.BASELINES["random"](env)
+    act = jax.jit(jax.vmap(lambda key: rule(key, None, state, params).action))
+    drawn = np.bincount(act(jax.random.split(jax.random.key(0), 5000)), minlength=5)
+    np.testing.assert_allclose(drawn / 5000, 0.2, atol=0.025)
 
 
 def test_periodic_spreads_the_fleet(episodes):

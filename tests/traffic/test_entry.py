@@ -10,6 +10,7 @@ from medjax.traffic.arrivals import draw_traits, redraw
 from medjax.traffic.demand import entries
 from medjax.traffic.entry import admit
 from medjax.world.kinds import by_class
+from medjax.world.state import MERGING, QUEUED
 from tests.traffic.roads import put
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -48,6 +49,29 @@ def test_queues_take_what_arrives(asked, blank):
     np.testing.assert_array_equal(counted, came)
     evs = by_class(stats)[:, 1].sum() / came.sum()
     assert evs == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / came.sum()))
+
+
+def test_a_med_enters_before_who_waits(quiet, blank):
+    """On an empty road: a MED and a car wait at the second ramp. The MED enters, and the car still waits."""
+    env, params = quiet
+    slot, ramp = 3, 1
+    entry = env.config.num_lanes + ramp
+    empty = put(blank, jnp.zeros(0, jnp.int32), [], [], [], [])
+    queue = jnp.zeros_like(empty.queue).at[entry].set(1)
+    meds = empty.meds.replace(
+        status=empty.meds.status.at[slot].set(QUEUED), ramp=empty.meds.ramp.at[slot].set(ramp)
+    )
+    enter = jax.jit(lambda state: admit(state, jnp.int32(0), env.config, params)[0])
+    after = enter(empty.replace(queue=queue, meds=meds))
+    np.testing.assert_array_equal(np.flatnonzero(after.vehicles.active), [slot])
+    assert after.vehicles.x[slot] == params.road.ramp_x_m[ramp]
+    assert after.meds.status[slot] == MERGING
+    np.testing.assert_array_equal(after.queue, queue)
+    # Without the MED the car would have entered.
+    alone = enter(empty.replace(queue=queue))
+    assert alone.vehicles.active.sum() == 1
+    assert not alone.vehicles.active[env.config.med_slots].any()
+    assert alone.queue.sum() == 0
 
 
 @pytest.mark.thorough

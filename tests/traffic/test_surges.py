@@ -168,6 +168,17 @@ def test_observations_show_the_detectors():
         np.testing.assert_allclose(seen[at : at + 8 or None], 3.6 * shown, rtol=1e-6)
 
 
+def test_the_profile_shows_the_detectors_after_the_depots():
+    """On an empty road, while the fleet is at its two depots."""
+    env, params = medjax.make("paper", observation="profile", **WORLD, num_depots=2)
+    shapes = jax.eval_shape(env.reset, jax.random.key(0), params)[1]
+    state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    shown = np.linspace(1.1, 1.8, 8, dtype=np.float32)
+    seen = jax.jit(env.get_obs)(state.replace(detected_per_s=jnp.asarray(shown)), params)
+    assert seen[:2].sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(seen[2:10], 3.6 * shown, rtol=1e-6)
+
+
 def test_surges_that_cannot_be_are_refused():
     """A surge without a ramp, one that begins last before it begins first, and one after the end."""
     with pytest.raises(InputError, match="num_surges = 1: allowed 0 with num_ramps = 0"):

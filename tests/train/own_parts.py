@@ -10,6 +10,11 @@ def served(outcome):
     return outcome.step_stats.evs_served
 
 
+def soc(outcome):
+    """Has the name of a term of the preset."""
+    return outcome.step_stats.evs_served
+
+
 def generous(env):
     """A probe that pays 10 more a step."""
     return Generous(env.kind, observation=env.observation)

@@ -76,7 +76,15 @@ def test_train_evaluate_and_export(tmp_path, argv):
         (["--agents=ippo", "--dispatcher=nobody"], ["dispatcher", "nobody", "agents, periodic"]),
         (["--dispatcher=budgeted"], ["agents is 'none'", "dispatcher is 'budgeted'"]),
         (["--credit=own"], ["agents is 'none'", "credit is 'own'"]),
-        (["--agents=ippo", "--network=sets", "--observation=flat"], ["network", "sets"]),
+        (["--agents=ippo", "--network=sets"], ["network", "sets"]),
+        (
+            ["--agents=ippo", "--observation=flat"],
+            ["agents is 'ippo' and observation is 'flat', allowed: profile"],
+        ),
+        (
+            ["--agents=mappo", "--decide-every=2"],
+            ["decide_every is 2, allowed: 1", "--set rounds_per_decision"],
+        ),
         (["--agents=mappo", "--normalize-observations"], ["agents", "normalize_observations"]),
         (["--agents=ippo", "--set=size=0"], ["num_meds"]),
         (["--agents=ippo", "--set=speeds=3"], ["speeds = 3", "a list of speeds"]),
@@ -104,13 +112,16 @@ def test_dispatchers_are_deterministic_rules():
 def test_settings_name_given_agents(central):
     """As `agents_of` makes them, so that `train.api` leaves a run that the commands take."""
     env, params = agents_of("paper", central=central, credit="own", speeds=[17.0], **SMALL)
-    config, rebuilt = described(env, params, PPOConfig())
+    # Settings of another observation say nothing of agents.
+    config, rebuilt = described(env, params, PPOConfig(observation="flat"))
     assert rebuilt
+    assert config.observation == "profile"
     assert config.agents == ("mappo" if central else "ippo")
     assert config.for_episodes(150).total_timesteps == 500_000  # not a dispatcher's ten million
     # Numbers of one's own cannot be rebuilt, but agents remain agents.
     doubled = jax.tree.map(lambda leaf: leaf * 2, params.fleet)
-    own, rebuilt = described(env, params.replace(fleet=doubled), PPOConfig())
+    flat = PPOConfig(observation="flat")
+    own, rebuilt = described(env, params.replace(fleet=doubled), flat)
     assert (rebuilt, own.scenario, own.agents) == (False, "paper-own", config.agents)
     again, numbers = make_environment(config)
     assert (again.actions, again.view, again.credit) == (env.actions, env.view, "own")

@@ -21,6 +21,7 @@ from train import export, ppo
 from train.algorithms.ppo.settings import PPOConfig
 from train.api import StoppedError, evaluate, train
 from train.runs.arguments import parse_request
+from train.runs.checkpoint import Checkpoints
 from train.runs.logs import read_rows
 
 
@@ -204,7 +205,7 @@ def test_a_run_that_fails_before_its_start_leaves_nothing(probe, config):
 
 @pytest.mark.thorough
 def test_what_ends_a_run_early_is_raised(probe, config):
-    """A number that is not finite as StoppedError, Ctrl-C with the state saved, and an exception of the callback."""
+    """A number that is not finite as StoppedError, and an exception of the callback, an OSError as a RuntimeError."""
 
     def breaks(row):
         raise KeyError("mine")
@@ -212,15 +213,33 @@ def test_what_ends_a_run_early_is_raised(probe, config):
     with pytest.raises(KeyError, match="mine"):
         train("noisy", None, config, run_dir="one", callback=breaks, quiet=True)
 
-    def asks(row):
-        signal.raise_signal(signal.SIGINT)
+    def forbids(row):
+        raise PermissionError("mine")
 
-    one = dataclasses.replace(config, updates_per_call=1)
-    with pytest.raises(KeyboardInterrupt, match="after update 1, saved"):
-        train("noisy", None, one, run_dir="three", callback=asks, quiet=True)
-    assert len(rows_of(probe / "three")) == 1
+    with pytest.raises(RuntimeError, match="the callback failed: mine"):
+        train("noisy", None, config, run_dir="four", callback=forbids, quiet=True)
     with pytest.raises(StoppedError, match="rewards no longer finite in update 1: stopped"):
         train(OWN, ProbeParams(reward=math.nan), config, run_dir="two", quiet=True)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("number", "raised", "said"),
+    [
+        (signal.SIGINT, KeyboardInterrupt, "after update 1, saved"),
+        (signal.SIGTERM, SystemExit, "^143$"),
+    ],
+)
+def test_a_signal_saves_the_state_and_is_raised(probe, config, number, raised, said):
+    def asks(row):
+        signal.raise_signal(number)
+
+    one = dataclasses.replace(config, updates_per_call=1)
+    with pytest.raises(raised, match=said) as stop:
+        train("noisy", None, one, run_dir="run", callback=asks, quiet=True)
+    assert raised is KeyboardInterrupt or stop.value.code == 143
+    assert len(rows_of(probe / "run")) == 1
+    assert Checkpoints(probe / "run").latest() == 1
 
 
 def test_a_wrapper_by_its_name(probe, capsys):
@@ -237,4 +256,20 @@ def test_a_wrapper_by_its_name(probe, capsys):
         for text in ("nowhere:wrap", "tests.train.own_parts:gone", "tests.train.own_parts:1x"):
             refused(capsys, [*TINY, f"--{option}={text}"], f"{option} '{text}'")
     refused(capsys, [*TINY, "--wrapper=builtins:repr"], "env is")
-    refused(capsys, [*TINY, "--wrapper=x:y", "--agents=ippo"], "allowed: agents none")
+    for text in ("os:getcwd", "builtins:dict"):
+        said = f"wrapper '{text}' failed to build: TypeError: "
+        assert said in refused(capsys, [*TINY, f"--wrapper={text}"])
+    words = "agents is 'ippo' and wrapper is 'x:y', allowed: none"
+    refused(capsys, [*TINY, "--wrapper=x:y", "--agents=ippo"], words)
+
+
+@pytest.mark.parametrize(
+    ("terms", "name"),
+    [
+        ("tests.train.own_parts:served,tests.train.own_parts:served", "served"),
+        ("tests.train.own_parts:soc", "soc"),  # the preset has a term of this name
+    ],
+)
+def test_two_reward_terms_of_a_name_are_refused(probe, capsys, terms, name):
+    """One would be paid in place of the other."""
+    refused(capsys, [*TINY, f"--reward={terms}"], f"there are two terms '{name}', allowed: one")

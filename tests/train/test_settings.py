@@ -20,17 +20,27 @@ BESIDE_SETTING = {
     "normalize_observations": {"policy_prior": "wait"},
     "credit": {"agents": "ippo"},
     "dispatcher": {"agents": "ippo"},
+    "encoder": {"network": "sets", "observation": "flat"},
+}
+# Of fields that are names or mappings, whose range only the environment knows.
+GOOD = {
+    "scenario": ["paper", "corridor", "mine-own"],
+    "overrides": [{}, {"cooldown_s": 30, "reward_weights.served": 0.5, "speeds": (14.0, 18.0)}],
+    "reward": ["preset", "paper", "money", "mine:served,mine:late"],
+    "wrapper": ["none", "mine:Wrapped"],
+    "observation": ["profile", "flat"],
+    "network": ["ramps", "mlp", "sets"],
 }
 
 
 def good_settings(field):
+    if field.name in GOOD:
+        return GOOD[field.name]
     one = field.default[0] if isinstance(field.default, tuple) else example(field)
     if isinstance(one, bool):
         return [True, False]
     if field.metadata["choices"]:
         return field.metadata["choices"]
-    if not isinstance(one, int | float):
-        return []
     return [field.metadata["low"], field.metadata["high"], one]
 
 
@@ -41,12 +51,16 @@ def test_settings(name):
     beside = BESIDE_SETTING.get(name, {})
     flag = "--" + name.replace("_", "-")
     others = [f"--{other.replace('_', '-')}={value}" for other, value in beside.items()]
-    for value in good_settings(field):
+    values = good_settings(field)
+    assert values
+    for value in values:
         given = (value, value) if isinstance(field.default, tuple) else value
         config = PPOConfig(**{name: given}, **beside)
         assert getattr(config, name) == given
         if isinstance(value, bool):
             argv = [flag if value else flag.replace("--", "--no-", 1)]
+        elif isinstance(given, dict):
+            argv = [f"--set={key}={_text(number)}" for key, number in given.items()]
         elif isinstance(given, tuple):
             argv = [flag, *map(str, given)]
         else:
@@ -55,6 +69,10 @@ def test_settings(name):
         if isinstance(value, int | float) and not isinstance(value, bool) and given is value:
             same = np.asarray(value)[()]
             assert PPOConfig(**{name: same}, **beside) == config
+
+
+def _text(number):
+    return str([*number]) if isinstance(number, tuple) else str(number)
 
 
 def test_the_number_of_environments_leaves_enough_updates():

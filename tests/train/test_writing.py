@@ -77,6 +77,10 @@ def test_what_exceeds_the_memory_is_refused_before_compiling(probe, capsys, monk
     assert not (probe / "run").exists()
     assert ppo.main([*QUIET, "--run-dir=run", "--num-envs=4096", "--force"]) == 0
     capsys.readouterr()
+    # It was for that command: whoever goes on with the run, or repeats it, is warned again.
+    more = "--total-timesteps=1000000"
+    for argv in (["--resume=run", more], ["--config=run/config.json", "--run-dir=new"]):
+        refused(capsys, argv, "num_envs 4096 x 4 choices", "--force")
     argv = ["--run-dir=run", "--episodes=1000"]
     refused(capsys, argv, "--episodes 1000: about 0.003 GB", "--force", command=evaluate)
     assert evaluate.main([*argv, "--force"]) == 0
@@ -100,10 +104,11 @@ def test_a_run_resumes_before_a_damaged_checkpoint(probe, capsys):
     )
     refused(capsys, [*QUIET, "--from-update=4"], "--from-update without --resume")
     assert newest.exists()
-    evaluation = probe / "run/evaluation.json"
-    evaluation.write_text("{}")
+    results = [probe / "run" / name for name in ("policy.zip", "evaluation.json", "summary.json")]
+    results[1].write_text("{}")
+    assert all(path.exists() for path in results)
     request = parse_request(PPOConfig, [*more, "--from-update=4"])
     open_session(request).lock.close()
-    assert not evaluation.exists()  # it was of the weights that were removed
+    assert not any(path.exists() for path in results)  # they were of the weights that were removed
     assert ppo.main([*more, "--from-update=4"]) == 0
     assert_same_run(probe / "same", probe / "run")

@@ -15,7 +15,7 @@ from medjax.env.observation import OBSERVATIONS
 from medjax.env.reward import REWARDS
 from medjax.env.wrapper import check_environment as check_is_environment
 from medjax.episodes.runner import episode_decisions
-from medjax.errors import InputError
+from medjax.errors import InputError, shown, told
 from medjax.numerics.devices import environment_mesh
 from medjax.policies.about import about_of
 from medjax.policies.rules import BASELINES
@@ -44,6 +44,7 @@ def make_environment(config: TrainConfig) -> tuple[Any, Any]:
 def check_given(env: Any, config: TrainConfig) -> None:
     """Refuses (InputError) a user's own environment that the settings do not fit."""
     _check_devices(config)
+    _check_start(config)
     check_network(config, env.observation)
 
 
@@ -70,6 +71,7 @@ def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, 
         how |= {"scenario": f"{env.name}-own", "overrides": {}}
         if isinstance(env.observation, AgentView):
             how["agents"] = "ippo" if env.observation.road is None else "mappo"
+            how["observation"] = "profile"
         return dataclasses.replace(config, **how), False
     how |= {"scenario": about.scenario, "overrides": dict(about.overrides)}
     if not about.agents:
@@ -77,6 +79,7 @@ def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, 
         return dataclasses.replace(config, **how), True
     how["overrides"]["speeds"] = about.agents["speeds"]
     how["agents"] = "mappo" if about.agents["central"] else "ippo"
+    how["observation"] = "profile"  # agents have their own, and the setting says nothing
     how["credit"] = about.agents["credit"]
     return dataclasses.replace(config, **how), True
 
@@ -84,6 +87,14 @@ def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, 
 def _check_devices(config: TrainConfig) -> None:
     if config.num_envs:  # otherwise it follows the length of an episode, which is not known yet
         environment_mesh(config.device_groups, config.num_devices, jax.devices())
+
+
+def _check_start(config: TrainConfig) -> None:
+    """Refuses (InputError) the sharpness of a rule that training does not start from."""
+    by_rule = config.policy_prior == "rule" and config.observation == "profile"
+    if not by_rule and config.rule_sharpness != (usual := TrainConfig.rule_sharpness):
+        given = f"rule_sharpness is {config.rule_sharpness} without a start from the rule"
+        raise InputError(f"{given}, allowed: {usual}")
 
 
 def check_environment(config: TrainConfig) -> None:
@@ -94,6 +105,7 @@ def check_environment(config: TrainConfig) -> None:
 def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
     # Building an environment compiles parts of it, so whatever can be refused without that is refused first.
     _check_devices(config)
+    _check_start(config)
     how: dict[str, Any] = dict(config.overrides)
     if config.reward != "preset":
         how["reward"] = _reward(config)
@@ -102,7 +114,7 @@ def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
         wrap = None if config.wrapper == "none" else read_object("wrapper", config.wrapper)
         env, params, *_ = build(config.scenario, observation=config.observation, **how)
         if wrap is not None:
-            env = wrap(env)
+            env = _wrapped(env, wrap, config.wrapper)
             check_is_environment(env)
             check_network(config, env.observation)
         return env, params
@@ -112,13 +124,28 @@ def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
     return env, params
 
 
+def _wrapped(env: Any, wrap: Callable[[Any], Any], name: str) -> Any:
+    """The environment in the user's wrapper; InputError if that fails."""
+    try:
+        return wrap(env)
+    except Exception as error:  # user code may raise anything
+        raise InputError(f"wrapper {shown(name)} failed to build: {told(error)}") from error
+
+
 def _reward(config: TrainConfig) -> Any:
-    """The reward that the settings name, in the form that `medjax.make` takes."""
+    """The reward that the settings name, in the form that `medjax.make` takes; InputError for two terms of a name."""
     if ":" not in config.reward:
         return config.reward
     own = [read_object("reward", text) for text in config.reward.split(",")]
     usual = SCENARIOS[config.scenario].reward if config.scenario in SCENARIOS else "paper"
-    return {**REWARDS[usual], **{getattr(term, "__name__", "own"): term for term in own}}
+    terms = dict(REWARDS[usual])
+    for term in own:
+        name = getattr(term, "__name__", "own")
+        if name in terms:
+            what = f"reward {shown(config.reward)}: there are two terms {shown(name)}"
+            raise InputError(f"{what}, allowed: one of a name, the preset's among them")
+        terms[name] = term
+    return terms
 
 
 def dispatched(env: Any, config: TrainConfig) -> Dispatched | None:

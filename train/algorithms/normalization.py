@@ -13,6 +13,7 @@ from flax import struct
 from medjax.errors import InputError
 
 MIN_STD = 1e-2  # limits how far a rare change of a nearly constant feature is blown up
+MIN_REWARD_STD = 1e-4  # smallest divisor of rewards
 
 
 @struct.dataclass
@@ -74,7 +75,7 @@ def normalize(stats: RunningStats, samples: jax.Array, clip: float = 10.0) -> ja
     return jnp.clip((samples - stats.mean) / std, -clip, clip)
 
 
-def scale_reward(stats: RunningStats, reward: jax.Array, min_std: float = 1e-4) -> jax.Array:
+def scale_reward(stats: RunningStats, reward: jax.Array) -> jax.Array:
     """Divides rewards by the standard deviation of the discounted sum, without a shift.
 
     A shift would reward the agent for staying alive or for dying; division leaves the optimal policy unchanged.
@@ -82,6 +83,5 @@ def scale_reward(stats: RunningStats, reward: jax.Array, min_std: float = 1e-4) 
     Args:
         stats: moments of the running discounted sum of an episode's rewards, shape `()`.
         reward: `(...)`.
-        min_std: smallest divisor.
     """
-    return reward / jnp.maximum(jnp.sqrt(stats.var), min_std)
+    return reward / jnp.maximum(jnp.sqrt(stats.var), MIN_REWARD_STD)

@@ -48,14 +48,14 @@ def summarize(
 
     Returns:
         Always `episodes`, `scenario`, `overrides`, `seed` and `policies`. The last has by name `return_mean`,
-        `return_std`, `return_ci95`, `verdict_ci95`, and the mean of every metric, None where it is not finite. If the
-        reward's terms differ from the preset's, `reward` lists their names. A baseline adds `baseline` and
-        `difference_from_baseline`: `mean` and `ci95` of each other policy's return minus the baseline's in the same
-        episode. Learned policies add two comparisons of an episode's mean over the training seeds, each `mean` and
-        `ci95`: `paired_return_difference` from every other policy, and `change_against_none` of metrics, as a share.
-        Several training seeds add `training_seeds`: `return_means`, `interquartile_mean`, `ci95`, and each learner's
-        own `paired_return_differences`. Intervals are over episodes; those of a mean over training seeds also over
-        seeds, and `training_seeds.ci95` over seeds alone.
+        `return_std`, `return_ci95`, `verdict_ci95`, and the mean of every metric. None replaces numbers and ends of
+        intervals that are not finite. If the reward's terms differ from the preset's, `reward` lists their names. A
+        baseline adds `baseline` and `difference_from_baseline`: `mean` and `ci95` of each other policy's return minus
+        the baseline's in the same episode. Learned policies add two comparisons of an episode's mean over the training
+        seeds, each `mean` and `ci95`: `paired_return_difference` from every other policy, and `change_against_none` of
+        metrics, as a share. Several training seeds add `training_seeds`: `return_means`, `interquartile_mean`, `ci95`,
+        and each learner's own `paired_return_differences`. Intervals are over episodes; those of a mean over training
+        seeds also over seeds, and `training_seeds.ci95` over seeds alone.
     """
     result: dict[str, Any] = {
         "policies": {name: _entry(score, seed) for name, score in scores.items()},
@@ -78,9 +78,9 @@ def summarize(
     if len(trained) > 1:
         means = np.mean([score["return"] for score in trained], axis=1)
         result["training_seeds"] = {
-            "return_means": means.tolist(),
-            "interquartile_mean": float(interquartile_mean(means[None])[0]),
-            "ci95": list(bootstrap_ci95(means, seed, statistic=interquartile_mean)),
+            "return_means": [*map(plain, means)],
+            "interquartile_mean": plain(interquartile_mean(means[None])[0]),
+            "ci95": [*map(plain, bootstrap_ci95(means, seed, statistic=interquartile_mean))],
             "paired_return_differences": [
                 _gains(score["return"][None], rules, seed) for score in trained
             ],
@@ -111,9 +111,9 @@ def _other_reward(scenario: str, scores: Mapping[str, Scores]) -> dict[str, list
 def _entry(score: Scores, seed: int) -> dict[str, Any]:
     returns = score["return"]
     return {
-        "return_mean": float(np.mean(returns)),
-        "return_std": float(np.std(returns, ddof=1)) if returns.size > 1 else 0.0,
-        "return_ci95": list(bootstrap_ci95(returns, seed)),
+        "return_mean": plain(float(np.mean(returns))),
+        "return_std": plain(float(np.std(returns, ddof=1))) if returns.size > 1 else 0.0,
+        "return_ci95": [*map(plain, bootstrap_ci95(returns, seed))],
         "verdict_ci95": verdict_ci95(score, seed),
         **{
             ("episode_length" if column == "length" else column): plain(float(np.mean(values)))
@@ -151,6 +151,6 @@ def _gains(returns: np.ndarray, rules: Mapping[str, Scores], seed: int) -> dict[
     """Returns `(seeds, episodes)` minus those of each rule in the same episode: `mean`, `ci95`."""
     gains = {name: returns - score["return"] for name, score in rules.items()}
     return {
-        name: {"mean": float(np.mean(gain)), "ci95": list(seeds_ci95(gain, seed))}
+        name: {"mean": plain(np.mean(gain)), "ci95": [*map(plain, seeds_ci95(gain, seed))]}
         for name, gain in gains.items()
     }

@@ -133,6 +133,8 @@ def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     lines = []
     for name, difference in differences.items():
         low, high = difference["ci95"]
+        if low is None or high is None:
+            continue  # a return was not finite
         if low == high == 0.0:
             lines.append(
                 f"{name} returned what {other} did in each of the {result['episodes']} episodes."
@@ -244,8 +246,13 @@ def _gain(difference: Mapping[str, Any]) -> str:
 
 
 def best_first(result: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """Policies and their entries, in order of decreasing mean return."""
-    return sorted(result["policies"].items(), key=lambda item: -item[1]["return_mean"])
+    """Policies and their entries, in order of decreasing mean return; those whose mean is not finite come last."""
+
+    def worse(item: tuple[str, Mapping[str, Any]]) -> float:
+        mean = item[1]["return_mean"]
+        return math.inf if mean is None else -mean
+
+    return sorted(result["policies"].items(), key=worse)
 
 
 def _not_sampled(result: Mapping[str, Any]) -> list[str]:
@@ -253,17 +260,19 @@ def _not_sampled(result: Mapping[str, Any]) -> list[str]:
     return [name for name, _ in best_first(result) if not name.endswith(SAMPLED)]
 
 
-def spread(mean: float, std: float) -> str:
+def spread(mean: float | None, std: float | None) -> str:
     """A mean and, in brackets, the standard deviation."""
     return f"{short(mean)} ({short(std)})"
 
 
-def interval(ends: Sequence[float]) -> str:
+def interval(ends: Sequence[float | None]) -> str:
     """Lower and upper end, in brackets."""
     return f"[{short(ends[0])}, {short(ends[1])}]"
 
 
-def short(value: float) -> str:
-    """A number with about four digits, at most three of them after the point."""
+def short(value: float | None) -> str:
+    """A number with about four digits, at most three of them after the point; "-" if it is None or not finite."""
+    if value is None or not math.isfinite(value):
+        return "-"
     digits = 3 if not value else max(0, 3 - max(0, math.floor(math.log10(abs(value)))))
     return f"{value:.{min(digits, 3)}f}"

@@ -1,4 +1,4 @@
-"""Sentences that state what a figure shows, each with the 95 % interval that it rests on."""
+"""Sentences that state what a figure shows; each that compares has the 95 % interval that it rests on."""
 
 from collections.abc import Mapping, Sequence
 
@@ -34,19 +34,23 @@ def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) 
     return f"{what}: {side} with {ours} than with {theirs} in the same {episodes}, {given}."
 
 
-def reached(shares: Mapping[str, float]) -> str:
-    """States how many EVs of a hundred reach their exit.
+def reached(shares: Mapping[str, float], stops: Mapping[str, float] | None = None) -> str:
+    """States how many EVs of a hundred reach their exit, and how many leave before it to charge.
 
     Args:
-        shares: share of the EVs that reach it, in [0, 1], by what is done, such as "with the trained policy".
+        shares: share of the EVs that reach their exit, in [0, 1], by what is done, such as "with the trained policy".
+        stops: share that breaks off the trip to charge, likewise; None: nobody does. Where it is 0 it is not said.
 
     Returns:
         The sentence.
     """
-    (case, share), *others = shares.items()
-    rest = [f"{100.0 * each:.0f} {done}" for done, each in others]
-    first = f"{100.0 * share:.0f} reach their exit {case}"
-    return f"Of 100 electric vehicles (EVs), {_listed([first, *rest])}."
+    cases: list[str] = []
+    for done, share in shares.items():
+        here = f"{100.0 * share:.0f}" + ("" if cases else " reach their exit")
+        if stops is not None and stops[done] > 0.0:
+            here += f" and {100.0 * stops[done]:.0f} leave to charge"
+        cases.append(f"{here} {done}")
+    return f"Of 100 electric vehicles (EVs), {_listed(cases)}."
 
 
 def lost(minutes: Mapping[str, float], duration: str) -> str:
@@ -63,18 +67,17 @@ def lost(minutes: Mapping[str, float], duration: str) -> str:
     return f"In an episode of {duration}, the drivers of all other vehicles together lose {_listed(cases)}."
 
 
-def learning(returns: np.ndarray, seed: int) -> str:
-    """States whether a learning curve rises.
+def learning(returns: np.ndarray) -> str:
+    """States how a learning curve goes, as it was drawn.
 
-    It compares the last quarter of the updates with the first and with the third, or, where quarters are too short, the
-    last half with the first.
+    It gives the means of the first quarter of the updates and of the last two, or of halves where quarters are too
+    short. It says neither an interval nor whether a change is sure, because the updates of a run depend on each other.
 
     Args:
         returns: (updates,) mean returns in order.
-        seed: seed of the bootstrap.
 
     Returns:
-        The sentence. A change counts if the interval of the difference of means excludes 0.
+        The sentence.
     """
     quarter, half = len(returns) // 4, len(returns) // 2
     if half < FEWEST:
@@ -83,16 +86,15 @@ def learning(returns: np.ndarray, seed: int) -> str:
             "the comparison below says what was learned."
         )
     if quarter < FEWEST:
-        halves = _trend(returns[-half:] - returns[:half], seed, "rises")
+        first, last = _mean(returns[:half]), _mean(returns[-half:])
         return (
-            f"The return {halves} from the first to the second half of the updates; {len(returns)} are too few to "
-            "compare quarters."
+            f"The mean return is {first} in the first half of the updates and {last} in the second."
         )
-    last = returns[-quarter:]
-    whole = _trend(last - returns[:quarter], seed, "rises")
-    late = _trend(last - returns[-2 * quarter : -quarter], seed, "still rises")
-    quarters = "from the first to the last quarter of the updates"
-    return f"The return {whole} {quarters}, and {late} from the third to the last."
+    first, third = _mean(returns[:quarter]), _mean(returns[-2 * quarter : -quarter])
+    return (
+        f"The mean return is {first} in the first quarter of the updates, {third} in the third and "
+        f"{_mean(returns[-quarter:])} in the last."
+    )
 
 
 def counts(what: str, here: float, samples: np.ndarray, seed: int) -> str:
@@ -111,11 +113,8 @@ def counts(what: str, here: float, samples: np.ndarray, seed: int) -> str:
     return f"{what}: {here:.0f} in this episode, {mean} in the mean of {len(samples)}."
 
 
-def _trend(gains: np.ndarray, seed: int, rises: str) -> str:
-    """The word for up, down or neither, with the mean and its interval."""
-    low, high = bootstrap_ci95(gains, seed)
-    word = rises if low > 0.0 else "falls" if high < 0.0 else "does not change visibly"
-    return f"{word} ({_signed(float(np.mean(gains)))} {interval((low, high))})"
+def _mean(returns: np.ndarray) -> str:
+    return short(float(np.mean(returns)))
 
 
 def _listed(cases: Sequence[str]) -> str:

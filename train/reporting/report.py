@@ -104,7 +104,12 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     round_s, decision_s = played.env.config.round_s, played.env.config.decision_s
     step_s = decision_s * played.env.decisions_per_step
     returns = {name: entry["return_mean"] for name, entry in played.result["policies"].items()}
-    rules = {name: value for name, value in returns.items() if name not in learned_names(returns)}
+    learned = learned_names(returns)
+    rules = {
+        name: value
+        for name, value in returns.items()
+        if name not in learned and value is not None  # None: not finite
+    }
     plot_curve(path["training_curve"], read_rows(run_dir.metrics), config, rules)
     plot_comparison(path["comparison"], played.scores, played.seed, is_papers(played.result))
     ours = config.algorithm
@@ -141,7 +146,7 @@ def _pictures(run_dir: RunDir) -> dict[str, Path]:
 
 
 def conclude(config: TrainConfig, played: Played) -> list[str]:
-    """What the page begins with: EVs that reach their exit, and what that costs other drivers; of the first seed."""
+    """What the page begins with: EVs that reach their exit, and what that costs others; of the first seed."""
     ours, best, seen, scores = config.algorithm, played.best_rule, played.seen, played.scores
     first = f", the first of {config.num_seeds} seeds" if config.num_seeds > 1 else ""
     done = {
@@ -151,8 +156,13 @@ def conclude(config: TrainConfig, played: Played) -> list[str]:
         "none": "if nothing is done (none)",
     }
     index = [played.names.index(name) for name in done]
-    arrived, ran_out = seen.exit_soc[index].sum(axis=1), seen.depleted[index]
-    shares = arrived / np.maximum(arrived + ran_out, 1)
+    left, ran_out, stopped = (
+        seen.exit_soc[index].sum(axis=1),
+        seen.depleted[index],
+        seen.stops[index],
+    )
+    all_of_them = np.maximum(left + ran_out, 1)
+    shares, stops = (left - stopped) / all_of_them, stopped / all_of_them
     minutes = {name: 60.0 * scores[name]["gas_delay_h"] for name in done}
     means = [float(np.mean(minutes[name])) for name in done]
     decisions = int(played.params.episode_decisions)
@@ -160,7 +170,7 @@ def conclude(config: TrainConfig, played: Played) -> list[str]:
     fewer = 100.0 * (scores[ours]["depleted_share"] - scores[best]["depleted_share"])
     more = minutes[ours] - minutes["none"]
     return [
-        reached(dict(zip(done.values(), shares, strict=True)))
+        reached(*(dict(zip(done.values(), each, strict=True)) for each in (shares, stops)))
         + " "
         + difference("EVs of 100 that run out", (ours, best), fewer, played.seed),
         lost(dict(zip(done.values(), means, strict=True)), duration)
@@ -185,7 +195,7 @@ def concluded(run_dir: RunDir, config: TrainConfig, played: Played) -> dict[str,
 
     _, returns = curve_of(read_rows(run_dir.metrics))
     return {
-        "training_curve": learning(interquartile_mean(returns), played.seed),
+        "training_curve": learning(interquartile_mean(returns)),
         "comparison": against(best, "Return", "return")
         + " "
         + against(best, "Share of EVs that run out", "depleted_share"),

@@ -21,8 +21,11 @@ class Survey(struct.PyTreeNode):
 
     episodes: np.ndarray  # ()
     soc: np.ndarray  # (P, D + 1, B) EVs on the road, by state of charge
-    exit_soc: np.ndarray  # (P, B) EVs that reached the end of the road
+    exit_soc: (
+        np.ndarray
+    )  # (P, B) EVs that left the road with some charge: at their exit, or to charge
     depleted: np.ndarray  # (P,) EVs that ran out
+    stops: np.ndarray  # (P,) EVs that broke off their trip to charge at an exit
     sent: np.ndarray  # (P, T, R) MEDs
     need: np.ndarray  # (P, T, R) need of each ramp
     need_there: np.ndarray  # (P,) need of the ramps that MEDs were sent from, summed over MEDs
@@ -42,6 +45,7 @@ def survey(trace: Trace, rounds: int = 1) -> Survey:
         soc=_histogram(soc[:, :, ::rounds], on_road[:, :, ::rounds], 2),
         exit_soc=_histogram(soc[:, :, 1:], ended & ~ran_out, 1),
         depleted=np.sum(trace.depleted, axis=(0, 2)),
+        stops=np.sum(trace.charging_stops, axis=(0, 2)),
         sent=sent.sum(axis=0),
         need=need.sum(axis=0),
         need_there=np.sum(need, axis=(0, 2, 3), where=sent),

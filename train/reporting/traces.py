@@ -51,6 +51,7 @@ class Trace(struct.PyTreeNode):
     need: jax.Array  # (T, R) EVs, `forecast_need` as policies see it, before the decision
     reward: jax.Array  # (T,)
     depleted: jax.Array  # (T,) EVs that ran out
+    charging_stops: jax.Array  # (T,) EVs that broke off their trip to charge at an exit
 
 
 def record(
@@ -118,7 +119,8 @@ def _recorder(
             sent = jnp.where(step_stats.meds_dispatched > 0.0, made.action, 0)
             seen = jax.tree.map(lambda ticks: ticks[:, ends], made.info["ticks"])
             need = jax.vmap(need_at)(episodes.state)
-            return after, (seen, sent, need, made.reward, step_stats.depleted)
+            stopped = step_stats.charging_stops
+            return after, (seen, sent, need, made.reward, step_stats.depleted, stopped)
 
         def to_end(first: Episodes) -> Trace:
             _, made = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))

@@ -101,17 +101,16 @@ class Checkpoints:
         """
         return self._read(step, jax.eval_shape(_without_keys, expected), "")
 
-    def restore_weights(self, expected: PolicyWeights, step: int | None = None) -> PolicyWeights:
-        """Reads only what acting needs, whatever the number of environments in training.
+    def restore_weights(self, expected: PolicyWeights) -> PolicyWeights:
+        """Reads of the newest checkpoint only what acting needs, whatever the number of environments in training.
 
         Args:
             expected: required shapes and types (`train.runs.policies.weight_shapes`).
-            step: one of `all`; None is the newest.
 
         Raises:
             InputError: see `restore`.
         """
-        return jax.tree.map(jnp.asarray, self._read(step, expected, WEIGHTS))
+        return jax.tree.map(jnp.asarray, self._read(None, expected, WEIGHTS))
 
     def _path(self, update: int) -> Path:
         return self.directory / f"{update}.npz"

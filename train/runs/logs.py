@@ -54,17 +54,24 @@ def read_rows(path: Path) -> list[Row]:
     """The rows of metrics.jsonl, without a last line that was cut off while it was written.
 
     Raises:
-        InputError: any other line is damaged.
+        InputError: any other line is damaged, or the file is no text.
     """
-    rows = []
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    rows: list[Row] = []
+    allowed = "allowed JSON, as train.ppo wrote it"
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file: {allowed}") from None
     for number, line in enumerate(lines, 1):
         try:
-            rows.append(json.loads(line))
-        except ValueError:
-            if number < len(lines):
-                said = f"{path}, line {number} = {shown(line)}"
-                raise InputError(f"{said}: allowed JSON, as train.ppo wrote it") from None
+            row = json.loads(line)
+        except (ValueError, RecursionError):
+            if number == len(lines):
+                break
+            row = None
+        if not isinstance(row, dict) or type(row.get("update")) is not int:
+            raise InputError(f"{path}, line {number} = {shown(line)}: {allowed}")
+        rows.append(row)
     return rows
 
 

@@ -87,7 +87,7 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         if not is_first():
             return RunDir(request.run_dir or Path(), own), None, None
         run_dir = RunDir(request.run_dir or new_run_dir(config.scenario), own)
-        return run_dir, run_dir.claim(config), None
+        return run_dir, run_dir.claim(config, made=request.run_dir is None), None
     run_dir, checkpoints = RunDir(request.resume, own), Checkpoints(request.resume)
     saved, update = None, request.from_update
     # A refusal releases the lock at once, even if a notebook keeps the error and its frames alive.
@@ -98,6 +98,9 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         read_rows(run_dir.metrics)  # refuses a damaged file
         if checkpoints.latest() is not None:
             saved = _restored(run_dir.load_config(type(config)), checkpoints, request, shapes)
+        elif run_dir.summary.exists() or run_dir.policy.exists():  # its rows would be lost
+            what = f"run {run_dir.path} has results but no checkpoint to go on from"
+            raise InputError(f"{what}, allowed: one with its checkpoints, or a new --run-dir")
         done = updates_done(saved) if saved is not None else 0
         if done >= config.num_updates:
             steps = done * config.steps_per_update

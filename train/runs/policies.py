@@ -16,6 +16,7 @@ from medjax.numerics.memory import check_memory
 from medjax.policies.about import about_of, about_of_own
 from medjax.policies.given import as_policy, check_policy, file_of
 from medjax.policies.policy import Policy
+from medjax.policies.rules import BASELINES
 from medjax.policies.saved import load_policy, save_policy
 from medjax.policies.team import rules_of
 from train.algorithms.environments import described, make_environment
@@ -75,11 +76,23 @@ def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, Po
         config: settings of the run.
         weights: the run's weights, with a leading axis if it had several seeds.
     """
-    first = config.algorithm
-    if config.num_seeds == 1:
-        return {first: weights}
-    names = [first, *(f"{first}_seed{number}" for number in range(2, 1 + config.num_seeds))]
+    names = _names_of_seeds(config)
+    if len(names) == 1:
+        return {names[0]: weights}
     return {name: jax.tree.map(itemgetter(i), weights) for i, name in enumerate(names)}
+
+
+def _names_of_seeds(config: TrainConfig) -> list[str]:
+    first = config.algorithm
+    return [first, *(f"{first}_seed{number}" for number in range(2, 1 + config.num_seeds))]
+
+
+def check_names(config: TrainConfig, names: Sequence[str]) -> None:
+    """Raises InputError for a name that is neither in `all_policies` nor one for `as_policy`; needs no environment."""
+    learned = [name + end for name in (*_names_of_seeds(config), START) for end in ("", SAMPLED)]
+    for name in names:
+        if name not in learned:
+            check_policy(name, [*learned, *BASELINES])
 
 
 def all_policies(env: Any, config: TrainConfig, weights: PolicyWeights) -> dict[str, Policy]:
@@ -115,7 +128,7 @@ def make_world(
     """An environment for policies without a run: that of the first policy from a file, or a preset.
 
     Args:
-        names: names of policies, as in `chosen`.
+        names: names of policies, as in `chosen`, the baseline's among them.
         scenario: preset; None takes that of the file's training, or paper.
         overrides: numbers of the environment.
 

@@ -60,7 +60,12 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Compar
         _export(run)  # the file includes the evaluation
     entries = played.result["policies"] if played is not None else {}
     returns = {name: entry["return_mean"] for name, entry in entries.items()}
-    rules = {name: value for name, value in returns.items() if name not in learned_names(returns)}
+    learned = learned_names(returns)
+    rules = {
+        name: value
+        for name, value in returns.items()
+        if name not in learned and value is not None  # None: not finite
+    }
     try:
         plot_curve(run.run_dir.plots / "training_curve.png", run.rows, run.config, rules)
     except ImportError:
@@ -94,7 +99,7 @@ def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
     return played
 
 
-def _summary(run: Trained, returns: dict[str, float]) -> dict[str, Any]:
+def _summary(run: Trained, returns: dict[str, float | None]) -> dict[str, Any]:
     config = run.config
     steps = config.steps_per_update * config.num_seeds
     final, source = final_return(run.rows), "training"

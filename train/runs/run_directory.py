@@ -1,6 +1,7 @@
 """The directory of a run: its files, and how a run claims it without overwriting anything."""
 
 import contextlib
+import dataclasses
 import fcntl
 import importlib.util
 import itertools
@@ -33,6 +34,7 @@ class RunDir:
 
     def __init__(self, path: Path, given: bool = False) -> None:
         self.path, self.given = path, given
+        self._made = False  # whether `release` may remove the directory
         self.config = path / "config.json"  # settings and versions
         self.metrics = path / "metrics.jsonl"  # a line of JSON per update
         self.summary = path / "summary.json"  # results
@@ -81,14 +83,19 @@ class RunDir:
             raise InputError(f"cannot read {file}, allowed: as train.ppo wrote it") from error
         return card
 
-    def claim(self, config: TrainConfig) -> IO[str]:
+    def claim(self, config: TrainConfig, made: bool = False) -> IO[str]:
         """Makes the directory, writes the settings into it and returns its `lock`.
+
+        Args:
+            config: the settings.
+            made: the directory is there already, because `new_run_dir` made it for this run.
 
         Raises:
             InputError: the directory is in use or cannot be written.
         """
         check_unused(self.path)
         with _writing(self.path):
+            self._made = made or not self.path.exists()
             try:
                 self.path.mkdir(parents=True, exist_ok=True)
                 held = self.lock()
@@ -116,15 +123,16 @@ class RunDir:
         return file
 
     def release(self) -> None:
-        """Undoes `claim` for a run that ended before its first update."""
+        """Undoes `claim` for a run that ended before its first update; a directory that was there before stays."""
         with contextlib.suppress(OSError):
             for path in (self.config, self.path / LOCK):
                 path.unlink(missing_ok=True)
-            self.path.rmdir()
+            if self._made:
+                self.path.rmdir()
 
     def remove_results(self) -> None:
-        """Removes the closing evaluation and the summary, which belong to earlier weights."""
-        for path in (self.evaluation, self.summary):
+        """Removes the policy's file, the closing evaluation and the summary, which belong to earlier weights."""
+        for path in (self.policy, self.evaluation, self.summary):
             path.unlink(missing_ok=True)
 
     def update_config(self, config: TrainConfig, update: int) -> None:
@@ -153,7 +161,8 @@ class RunDir:
 
     def _holds(self, path: Path, config: TrainConfig) -> bool:
         """Whether a file has these settings, and today's versions."""
-        same = load_config(path, type(config), given=self.given) == config
+        unforced = dataclasses.replace(config, force=False)  # as a file is read
+        same = load_config(path, type(config), given=self.given) == unforced
         return same and json.loads(path.read_text(encoding="utf-8")).get("versions") == versions()
 
     def _save_config(self, config: TrainConfig) -> None:

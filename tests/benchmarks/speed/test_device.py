@@ -40,7 +40,9 @@ def test_each_command_leaves_its_figures_and_a_failure_the_others(tmp_path, caps
         return SimpleNamespace(returncode=0, stdout=f"table of {argv[2]}\n")
 
     monkeypatch.setattr(device.subprocess, "run", start)
-    device.main([f"--json={file}"])
+    with pytest.raises(SystemExit) as end:
+        device.main([f"--json={file}"])
+    assert end.value.code == 1
     runs = json.loads(file.read_text())["runs"]
     assert kept == [list(device.COMMANDS)[:count] for count in range(len(device.COMMANDS))]
     assert list(runs) == list(device.COMMANDS)
@@ -48,6 +50,29 @@ def test_each_command_leaves_its_figures_and_a_failure_the_others(tmp_path, caps
     assert runs["training"]["figures"] == {"argv": "benchmarks.training"}
     assert runs["tests"]["figures"] is None
     assert "table of benchmarks.training" in capsys.readouterr().out
+
+
+def test_where_all_succeed_it_does(monkeypatch):
+    """And no failure of the tests, the last command, is lost."""
+    found = {"backend": "gpu", "device": "a GPU", "jax_version": "0"}
+    monkeypatch.setattr(device, "ask_machine", lambda: found)
+    codes = dict.fromkeys(device.COMMANDS, 0)
+    monkeypatch.setattr(
+        device,
+        "run",
+        lambda name, _: {"command": "", "output": "", "seconds": 1, "rc": codes[name]},
+    )
+    device.main([])
+    codes["tests"] = 5
+    with pytest.raises(SystemExit) as end:
+        device.main([])
+    assert end.value.code == 1
+
+
+def test_thorough_tests_run_on_the_gpu_too():
+    """The usual choice of pyproject.toml leaves them out."""
+    words = shlex.split(device.COMMANDS["tests"])
+    assert words[words.index("-m") + 1] == "not slow"
 
 
 @pytest.mark.parametrize("name", [name for name in device.COMMANDS if name != "tests"])

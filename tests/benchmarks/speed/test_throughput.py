@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 
 import medjax
-from benchmarks.speed import scaling, throughput
+from benchmarks.speed import scaling, throughput, workload
 from benchmarks.speed.stages import STAGES, instruction_stages, stage_of, stage_times
 from benchmarks.speed.workload import (
+    ENVS,
     PRESET_VEHICLES,
     SCALED,
     VEHICLES,
@@ -66,6 +68,14 @@ def test_every_stage_of_the_step_is_found(work):
     assert all(seconds > 0.0 for seconds in times.values())
 
 
+@pytest.mark.thorough
+def test_stages_take_about_as_long_as_the_call(work):
+    """On one device their seconds add up to some of the wall time, and not to many times it."""
+    stages_s = min(sum(stage_times(work).values()) for _ in range(3))
+    wall_s = min(work.play()[0] for _ in range(3))
+    assert 0.1 * wall_s < stages_s < 5.0 * wall_s
+
+
 def vehicles_at_reset(**overrides):
     """Mean over 32 roads, with no MED yet, and the slots of a road."""
     env, params = medjax.make("paper", **overrides)
@@ -112,6 +122,78 @@ def test_json_has_the_promised_fields(tmp_path, capsys):
 def test_bad_input_is_one_line_and_exit_code_2(argv, word, capsys):
     """Before anything is compiled."""
     assert word in refused(throughput.main, argv, capsys)
+
+
+@pytest.mark.parametrize(
+    ("argv", "word"),
+    [
+        (["--sweep", "envs", "--num-envs", "1024"], "--num-envs: allowed without --sweep envs"),
+        (["--sweep", "vehicles", "--num-envs", "8", "16"], "--num-envs: allowed one number with"),
+        (["--stages", "--num-envs", "8", "16"], "--stages: allowed without --sweep, and with one"),
+        (["--stages", "--sweep", "vehicles"], "--stages: allowed without --sweep, and with one"),
+    ],
+)
+def test_an_option_without_effect_is_refused(argv, word, capsys, monkeypatch):
+    """Before anything is timed."""
+    monkeypatch.setattr(throughput, "measure", None)
+    assert word in refused(throughput.main, argv, capsys)
+
+
+@pytest.mark.parametrize(
+    ("argv", "sizes"),
+    [
+        (["--stages"], [1024]),
+        (["--num-envs", "8", "16"], [8, 16]),
+        (["--sweep", "envs"], ENVS),
+        (["--sweep", "vehicles"], [1024, 1024 * 64 // 140, 256, 128, 64]),
+        (["--sweep", "vehicles", "--num-envs", "16"], [16, 16 * 64 // 140, 4, 2, 1]),
+    ],
+)
+def test_what_is_timed(argv, sizes, monkeypatch):
+    read = []
+    monkeypatch.setattr(
+        throughput, "run_command", lambda parser, _, argv: read.append((parser, argv))
+    )
+    throughput.main(argv)
+    (parser, given), roads = read[0], [road_for(count) for count in VEHICLES]
+    cases = throughput.cases_of(parser.parse_args(given))
+    assert [num_envs for num_envs, _ in cases] == list(sizes)
+    assert [overrides for _, overrides in cases] == (
+        roads if "vehicles" in argv else [{}] * len(sizes)
+    )
+
+
+def test_first_episodes_end_at_random_decisions(work):
+    """So that resets come at their usual rate, and not all at once."""
+    _, state = work.reset(jax.random.key(3))
+    assert state.cut_in.min() > 0
+    assert len(np.unique(state.cut_in)) == work.num_envs
+
+
+def test_a_call_is_timed_until_its_results_are_there(monkeypatch):
+    """And no longer; JAX returns before it has computed."""
+    events, clock = [], iter((3.0, 10.0))
+
+    def look():
+        events.append("clock")
+        return next(clock)
+
+    def program(key, state):
+        events.append("program")
+        return state + 1, (jnp.float32(12.0), jnp.float32(0.0))
+
+    def wait(results):
+        events.append("wait")
+        assert results[0] == 1
+        return results
+
+    played = object.__new__(Workload)
+    played.key, played.state, played.program = jax.random.key(0), 0, program
+    monkeypatch.setattr(workload, "time", SimpleNamespace(perf_counter=look))
+    monkeypatch.setattr(workload.jax, "block_until_ready", wait)
+    assert played.play() == (7.0, 12.0)
+    assert events == ["clock", "program", "wait", "clock"]
+    assert played.state == 1
 
 
 def test_scaling_refuses_a_road_before_its_first_table(capsys):

@@ -46,10 +46,12 @@ def test_luck_in_choosing_is_no_gain():
 def test_a_verdict_by_hand():
     """Two dispatchers and two controls whose episodes are all alike: EUR of half an hour, and what else they did."""
     quiet = dict.fromkeys(("energy_delivered_kwh", "low_exits", "ev_delay_h", "gas_delay_h"), 0.0)
+    slow = {"low_exits": 8.0, "ev_delay_h": 0.5, "gas_delay_h": 0.25}
+    greedy = {"energy_delivered_kwh": 70.0, "ev_delay_h": 1.5, "gas_delay_h": 2.0}
     of = {
         "none": {**quiet, "return": -100.0, "reward_ev_kwh": -40.0, "low_exits": 9.0},
-        "slow": {**quiet, "return": -90.0, "reward_ev_kwh": -30.0, "low_exits": 8.0},
-        "greedy": {**quiet, "return": -95.0, "reward_ev_kwh": -5.0, "energy_delivered_kwh": 70.0},
+        "slow": {**quiet, "return": -90.0, "reward_ev_kwh": -30.0, **slow},
+        "greedy": {**quiet, "return": -95.0, "reward_ev_kwh": -5.0, **greedy},
         "other": {**quiet, "return": -99.0, "reward_ev_kwh": -20.0, "ev_delay_h": 2.0},
     }
     scores = {
@@ -67,6 +69,7 @@ def test_a_verdict_by_hand():
         140.0,
         16.0,
     )
+    assert found.delay_h == (1.0 + 1.75) / 0.5  # of EVs and of gas vehicles
 
 
 def test_points_are_all_combinations_and_valid_worlds():

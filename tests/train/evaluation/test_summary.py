@@ -10,7 +10,7 @@ from medjax.episodes.verdict import LINES, NAMES
 from medjax.files import write_json
 from train.evaluation.comparison import Comparison
 from train.evaluation.summary import learned_names, summarize
-from train.evaluation.tables import format_table, headline, is_papers
+from train.evaluation.tables import format_table, headline, is_papers, paper_rows
 
 
 def test_no_share_of_nothing():
@@ -104,6 +104,41 @@ def test_a_custom_metric_may_be_nan(tmp_path):
     table = format_table(result, ["ppo"])
     assert "mean SoC" in table
     assert "mean range m" not in table.split("against no action")[0]
+
+
+@pytest.mark.parametrize("baseline", [None, "none"])
+def test_a_return_may_be_nan(tmp_path, baseline):
+    """Its mean, its differences and their intervals are None in the file and "-" in the tables, its row is the last."""
+    learned = ["ppo", "ppo_seed2"]
+    returns = {"none": [0.0, 0.5, 1.0], "ppo": [1.0, np.nan, 2.0], "ppo_seed2": [3.0, 4.0, 5.0]}
+    terms = {"length": np.full(3, 6.0), "reward_mine": np.array([1.0, np.nan, 2.0])}
+    scores = {name: {"return": np.array(values), **terms} for name, values in returns.items()}
+    result = summarize(scores, "paper", learned, baseline=baseline)
+    write_json(tmp_path / "out.json", result)
+    assert json.loads((tmp_path / "out.json").read_text()) == result
+    nothing = {"mean": None, "ci95": [None, None]}
+    entry = result["policies"]["ppo"]
+    assert (entry["return_mean"], entry["return_std"]) == (None, None)
+    assert entry["return_ci95"] == nothing["ci95"]
+    assert result["policies"]["none"]["return_mean"] == 0.5
+    assert result["paired_return_difference"]["none"]["mean"] is None
+    seeds = result["training_seeds"]
+    assert seeds["return_means"] == [None, 4.0]
+    assert (seeds["interquartile_mean"], seeds["ci95"]) == (None, [None, None])
+    first, second = seeds["paired_return_differences"]
+    assert first["none"] == nothing
+    assert second["none"]["mean"] == 3.5
+    if baseline is not None:
+        assert result["difference_from_baseline"]["ppo"] == nothing
+        assert result["difference_from_baseline"]["ppo_seed2"]["mean"] == 3.5
+    table = format_table(result, learned)
+    for said in ("nan", "None", "inf "):
+        assert said not in table
+    rows = [line.split() for line in table.split("\n\n")[0].splitlines()[3:]]
+    assert [row[0] for row in rows] == ["ppo_seed2", "none", "ppo"]
+    assert rows[2][1:4] == ["-", "[-,", "-]"]
+    assert "training seeds: -, 4.000; interquartile mean" in table
+    assert paper_rows(result, learned)[3][1:] == ["- (-)", "[-, -]"]
 
 
 def test_the_heading_names_a_changed_reward():

@@ -27,31 +27,31 @@ def test_few_episodes_and_equal_episodes_show_no_difference():
     assert "the same in each of the 3 episodes" in difference("Return", PAIR, np.zeros(3), 0)
 
 
-def test_a_curve_rises_falls_stays_or_has_settled():
+def test_a_curve_is_told_by_the_means_of_its_parts():
+    """Quarters, or halves of fewer updates, such as the 17 of a default run; never with an interval or a verdict."""
     noise = np.tile([-1.0, 1.0], 50)
-    rise = np.linspace(0.0, 100.0, 100)
+    rise = np.arange(100.0)
     settled = np.minimum(4.0 * rise, 100.0)
-    for curve, whole, late in (
-        (rise, "return rises", "still rises"),
-        (-rise, "return falls", "and falls"),
-        (0.0 * rise, "return does not change visibly", "and does not change visibly"),
-        (settled, "return rises", "and does not change visibly"),
+    for curve, first, third, last in (
+        (rise, "12.00", "62.00", "87.00"),
+        (-rise, "-12.00", "-62.00", "-87.00"),
+        (0.0 * rise, "0.000", "0.000", "0.000"),
+        (settled, "48.00", "100.0", "100.0"),
     ):
-        said = learning(curve + noise, 0)
-        assert whole in said
-        assert late in said
-    assert "too few" in learning(rise[: 4 * FEWEST - 1], 0)
-    # Fewer updates are compared by halves, such as the 17 of a default run.
-    for curve, said in (
-        (rise, "The return rises (+"),
-        (-rise, "The return falls (-"),
-        (0.0 * rise, "The return does not change visibly ("),
+        quarters = f"{first} in the first quarter of the updates, {third} in the third and {last} in the last."
+        assert learning(curve) == f"The mean return is {quarters}"
+        for said in ("[", "rises", "falls", "visibly", "sure"):
+            assert said not in learning(curve + noise)
+    for count, first, last in (
+        (2 * FEWEST, "3.500", "11.50"),
+        (17, "3.500", "12.50"),
+        (4 * FEWEST - 1, "7.000", "23.00"),
     ):
-        for count in (2 * FEWEST, 17):
-            assert learning(curve[:count] + noise[:count], 0).startswith(said)
-    assert "from the first to the second half" in learning(rise[: 4 * FEWEST - 1], 0)
-    assert "too few to tell a trend, 16 are needed" in learning(rise[: 2 * FEWEST - 1], 0)
-    assert "too few" in learning(rise[:0], 0)
+        halves = f"{first} in the first half of the updates and {last} in the second."
+        assert learning(rise[:count]) == f"The mean return is {halves}"
+    assert "first quarter" in learning(rise[: 4 * FEWEST])
+    assert "too few to tell a trend, 16 are needed" in learning(rise[: 2 * FEWEST - 1])
+    assert "too few" in learning(rise[:0])
 
 
 def test_an_episode_stands_beside_the_mean_of_all():
@@ -63,6 +63,17 @@ def test_an_episode_stands_beside_the_mean_of_all():
 def test_evs_that_reach_their_exit_are_counted_by_the_hundred():
     said = reached({"with ppo": 0.684, "with none": 0.316})
     assert said == "Of 100 electric vehicles (EVs), 68 reach their exit with ppo, and 32 with none."
+
+
+def test_evs_that_leave_to_charge_are_told_apart():
+    """Only where there are some."""
+    shares = {"with ppo": 0.684, "with paced": 0.5, "with none": 0.316}
+    said = reached(shares, {"with ppo": 0.121, "with paced": 0.0, "with none": 0.6})
+    assert said == (
+        "Of 100 electric vehicles (EVs), 68 reach their exit and 12 leave to charge with ppo, 50 with paced, "
+        "and 32 and 60 leave to charge with none."
+    )
+    assert reached(shares, dict.fromkeys(shares, 0.0)) == reached(shares)
 
 
 def test_lost_time_has_a_digit_only_if_it_is_short_and_no_minus_before_zero():

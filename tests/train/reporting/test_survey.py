@@ -12,19 +12,21 @@ from train.reporting.traces import Frame, Trace, record
 
 
 def trace_by_hand():
-    """One policy, two EV slots, three decisions: an EV leaves with half its charge, one runs out, a third enters."""
+    """One policy, two EV slots, three decisions: one leaves half charged to charge, one runs out, one enters."""
     on_road = np.array([[1, 1], [0, 1], [1, 0], [1, 0]], bool)
     soc = np.array([[0.6, 0.1], [0.505, 0.05], [0.7, 0.0], [0.6, 0.0]])
     meds = np.zeros((4, 1)), np.zeros((4, 1), bool), np.zeros((4, 1), int)
     frames = Frame(np.zeros((4, 2)), soc, on_road, *meds)
     need = np.array([[1.0, 3.0], [2.0, 0.5], [1.0, 1.0]])
-    trace = Trace(frames, np.array([2, 0, 1]), need, np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    counts = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])  # ran out, left to charge
+    trace = Trace(frames, np.array([2, 0, 1]), need, np.zeros(3), *counts)
     return jax.tree.map(lambda leaf: leaf[None, None], trace)
 
 
 def test_a_survey_by_hand():
     seen = survey(trace_by_hand())
     assert seen.depleted.tolist() == [1.0]
+    assert seen.stops.tolist() == [1.0]
     assert np.flatnonzero(seen.exit_soc[0]).tolist() == [50]
     assert seen.soc.sum(axis=-1).tolist() == [[2, 1, 1, 1]]
     assert seen.sent[0].tolist() == [[0, 1], [0, 0], [1, 0]]
@@ -32,6 +34,7 @@ def test_a_survey_by_hand():
     assert seen.to_greatest.tolist() == [2]
     twice = total([seen, seen])
     assert twice.episodes == 2
+    assert twice.stops.tolist() == [2.0]
     assert dispatch_rows(["a"], twice)[1] == [
         "a", "2.00", "1.00", "1.00", "100%", "2.000", "1.417",
     ]  # fmt: skip

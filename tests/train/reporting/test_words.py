@@ -34,7 +34,7 @@ def played():
         scores=scores,
         result={"policies": {name: {"return_mean": value} for name, value in RETURNS.items()}},
         names=NAMES,
-        seen=SimpleNamespace(exit_soc=bins, depleted=100 - ARRIVED),
+        seen=SimpleNamespace(exit_soc=bins, depleted=100 - ARRIVED, stops=np.zeros(len(NAMES))),
         first=None,
     )
 
@@ -62,6 +62,17 @@ def test_the_conclusion_counts_evs_and_minutes_under_four_policies(played):
     assert all(each in lose for each in minutes)
     assert "In an episode of 10 min" in lose
     assert "higher with ppo than with none in the same 10 episodes, +15.00" in lose
+
+
+def test_evs_that_leave_to_charge_do_not_reach_their_exit(played):
+    """Of the 60 and 10 that leave the road, 15 and 9 break off their trip; the other policies are told as before."""
+    played.seen.stops = np.array([15, 9, 0, 0, 0])
+    reach, _ = conclude(config(), played)
+    assert reach.startswith(
+        "Of 100 electric vehicles (EVs), 45 reach their exit and 15 leave to charge with the trained policy (ppo), "
+        "45 with the best rule (budgeted), 30 if EVs low on charge"
+    )
+    assert "and 1 and 9 leave to charge if nothing is done (none)." in reach
 
 
 def test_of_several_seeds_the_conclusion_is_of_the_first(played):

@@ -38,6 +38,26 @@ def test_only_a_last_line_may_be_cut_off(tmp_path):
         read_rows(file)
 
 
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (b"\xff", "is not a text file: allowed JSON, as train.ppo wrote it"),
+        (b"3", "line 2 = '3': allowed JSON"),
+        (b"[1]", r"line 2 = '\[1\]': allowed JSON"),
+        (b'{"loss": 1.0}', "line 2 = '{\"loss\": 1.0}': allowed JSON"),
+        (b'{"update": true}', "line 2 = .*: allowed JSON"),
+        (b'{"update": "2"}', "line 2 = .*: allowed JSON"),
+    ],
+)
+@pytest.mark.parametrize("rest", [b"", b'\n{"update": 3}\n'])
+def test_what_is_no_row_is_refused(tmp_path, damage, said, rest):
+    """Wherever it stands: a line that was cut off is no whole value."""
+    file = tmp_path / "metrics.jsonl"
+    file.write_bytes(b'{"update": 1}\n' + damage + rest)
+    with pytest.raises(InputError, match=f"metrics.jsonl,? {said}"):
+        read_rows(file)
+
+
 @pytest.fixture
 def lines(monkeypatch, capsys):
     """Lines that a run of 100 updates of 64 decisions prints if an update takes so many seconds."""

@@ -8,6 +8,7 @@ import pytest
 from medjax.errors import InputError
 from medjax.policies.pretrained import FILES
 from medjax.scenarios import prepare
+from train import evaluate
 from train.algorithms import environments
 from train.algorithms.algorithm import TrainState
 from train.algorithms.ppo.settings import PPOConfig
@@ -74,3 +75,21 @@ def test_a_run_is_a_policy_beside_others(tmp_path, monkeypatch):
     assert [*chosen(env, {}, names, "run:mine")] == names
     with pytest.raises(InputError, match="run absent is not a directory"):
         make_world(["run:absent"], None, {})
+
+
+def test_a_baseline_sets_the_world(tmp_path, monkeypatch):
+    """Where no other policy does; its file is of `corridor`."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/policy.zip").write_bytes((FILES / "corridor.zip").read_bytes())
+    worlds = []
+
+    def keep(names, *rest):
+        worlds.append(make_world(names, *rest)[2].scenario)
+        raise InputError("known")
+
+    monkeypatch.setattr("train.runs.policies.make_world", keep)
+    for policies in ("none", "none,run:mine"):
+        assert evaluate.main([f"--policies={policies}", "--baseline=run:mine"]) == 2
+    assert evaluate.main(["--policies=none"]) == 2
+    assert worlds == ["corridor", "corridor", "paper"]

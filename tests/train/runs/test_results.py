@@ -2,17 +2,21 @@
 
 import pytest
 
+from medjax.errors import InputError
+from medjax.policies.given import check_policy
 from medjax.policies.saved import load_policy
 from tests.train.conftest import TINY
 from tests.train.runs.conftest import QUIET
 from train import export, ppo
 from train.runs import results
 
+RESULTS = ("policy.zip", "evaluation.json", "summary.json")
+
 
 def test_a_run_that_dies_leaves_no_results_of_earlier_weights(probe, after_update):
     """Results stay until there are other weights; the policy's card then names no returns."""
     assert ppo.main([*TINY, "--run-dir=run"]) == 0
-    results = [probe / "run" / name for name in ("evaluation.json", "summary.json")]
+    results = [probe / "run" / name for name in RESULTS]
     more = ["--resume=run", "--total-timesteps=128", "--updates-per-call=1"]
     for update, left in ((7, True), (8, False)):  # a checkpoint follows every second update
         after_update(update, lambda: 1 / 0)
@@ -20,7 +24,9 @@ def test_a_run_that_dies_leaves_no_results_of_earlier_weights(probe, after_updat
             more.append("--checkpoint-interval=1")
         with pytest.raises(ZeroDivisionError):
             ppo.main(more)
-        assert [path.exists() for path in results] == [left] * 2
+        assert [path.exists() for path in results] == [left] * 3
+    with pytest.raises(InputError, match=r"run holds no policy.zip; python -m train.export"):
+        check_policy("run:run")  # rather than play what was learned before
     assert export.main(["--run-dir=run"]) == 0
     assert "evaluation" not in load_policy(probe / "run" / "policy.zip").about.training
 

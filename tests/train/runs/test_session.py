@@ -185,12 +185,16 @@ def test_resume_refuses_what_does_not_fit(probe, whole, capsys):
         ("--decide-every=2", "decide_every 2, which was 1 until now, allowed: 1"),
         ("--num-epochs=1", "num_epochs 1, which was 4 until now, allowed: 4"),
         ("--num-minibatches=1", "num_minibatches 1, which was 2 until now, allowed: 2"),
+        (
+            "--normalize-observations --policy-prior=wait",
+            "normalize_observations True, which was False until now, allowed: False",
+        ),
         # And with these the weights would be another policy, or have another start.
         ("--activation=tanh", "activation tanh, which was silu until now, allowed: silu"),
         ("--initial-wait=0.5", "initial_wait 0.5, which was 0.8 until now, allowed: 0.8"),
         ("--seed=3", "seed 3, which was 0 until now, allowed: 0"),
     ):
-        refused(capsys, [*more, change], words)
+        refused(capsys, [*more, *change.split()], words)
     metrics = probe / "run" / "metrics.jsonl"
     rows = metrics.read_text()
     metrics.write_text("not JSON\n" + rows)
@@ -201,6 +205,18 @@ def test_resume_refuses_what_does_not_fit(probe, whole, capsys):
     assert ppo.main(["--resume=run", "--total-timesteps=128"]) == 0
     assert len(rows_of(probe / "run")) == 8
     assert (probe / "run" / "config-until-6.json").exists()
+
+
+@pytest.mark.parametrize("result", ["summary.json", "policy.zip"])
+def test_a_run_that_lost_its_checkpoints_keeps_its_rows(probe, whole, capsys, result):
+    """It ended, so that it cannot begin anew; its rows are all that is left of the training."""
+    run = shutil.copytree(whole, probe / "run", ignore=shutil.ignore_patterns("checkpoints"))
+    for other in {"summary.json", "policy.zip"} - {result}:
+        (run / other).unlink()
+    before = files_of(run)
+    words = ("run run has results but no checkpoint", "allowed: one with its checkpoints")
+    refused(capsys, ["--resume=run"], *words)
+    assert files_of(run) == before
 
 
 @pytest.mark.parametrize(
@@ -219,6 +235,10 @@ def test_interrupted_before_the_first_update(
     assert err.startswith("interrupted")
     assert err.count("\n") == 1
     assert not (probe / "run").exists()
+    (probe / "run").mkdir()  # a directory that the user made stays, empty
+    monkeypatch.setattr(f"train.{place}", lambda *_, **__: signal.raise_signal(number))
+    assert command.main([*argv, "--run-dir=run"]) == 128 + number
+    assert list((probe / "run").iterdir()) == []
 
 
 @pytest.mark.thorough

@@ -139,15 +139,14 @@ def test_the_loss_of_a_minibatch_is_the_mean_of_its_parts():
         value_weight=jnp.asarray(rng.random(shape) < 0.5, jnp.float32),
     )
     weighed = weigh(batch)
+    config = PPOConfig(clip_epsilon=0.2, entropy_coef=0.1)
     table = jnp.asarray(rng.normal(size=(3,)), jnp.float32)
 
     def loss(params, samples):
         logits = jnp.broadcast_to(params, (*samples.value.shape, 3))
         value = samples.value + params[0]
         mask = jnp.ones_like(logits, bool)
-        return ppo_loss(
-            masked_categorical(logits, mask), value, samples, PPOConfig(clip_epsilon=0.2)
-        )
+        return ppo_loss(masked_categorical(logits, mask), value, samples, config)
 
     whole = jax.grad(loss, has_aux=True)(table, weighed)
     halves = [
@@ -165,6 +164,12 @@ def test_the_loss_of_a_minibatch_is_the_mean_of_its_parts():
     surrogate = np.minimum(ratio * standard, np.clip(ratio, 0.8, 1.2) * standard)
     assert whole[1]["policy_loss"] == pytest.approx(-surrogate[some].mean(), rel=1e-4)
     assert whole[1]["choice_share"] == pytest.approx(some.mean())
+    # A policy that is less sure has a lower loss: the bonus is subtracted.
+    probs = np.exp(table) / np.exp(table).sum()
+    assert whole[1]["entropy"] == pytest.approx(-(probs * np.log(probs)).sum(), rel=1e-4)
+    parts = whole[1]["policy_loss"] + config.value_coef * whole[1]["value_loss"]
+    expected = parts - config.entropy_coef * whole[1]["entropy"]
+    assert whole[1]["loss"] == pytest.approx(float(expected), rel=1e-5)
 
 
 def test_explained_variance():
