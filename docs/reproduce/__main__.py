@@ -25,7 +25,7 @@ from train.runs.versions import versions
 
 STAMPS = ROOT / "docs/reproduced.json"
 WORK = ROOT / "build/reproduce"  # where commands run and leave their files
-RUN_NOTE = "*Run {date} in {time}: {commit}, JAX {jax}, Python {python}, {machine}.*"
+RUN_NOTE = "*Run {date} in {time}: commit {commit}, JAX {jax}, Python {python}, {machine}.*"
 QUICK_S = 120
 
 

@@ -98,6 +98,9 @@ def improvement_probability(
 ) -> tuple[float, tuple[float, float]]:
     """Probability that a run of one kind is better than a run of another; a tie counts half (Agarwal et al. 2021).
 
+    With fewer runs than `FEWEST` the interval is too narrow. It has no width if each run of one kind beats all of the
+    other, which chance alone does to three and three once in ten times, one way or the other.
+
     Args:
         new, old: `(seeds,)` each, a result per run; the numbers of runs may differ.
         seed, num_resamples: of the bootstrap, which draws the runs of both kinds.
