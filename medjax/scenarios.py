@@ -18,7 +18,7 @@ from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
 from medjax.world.charging_params import CoilDesign, build_link
 from medjax.world.checks import check_numbers
-from medjax.world.kinds import GAS
+from medjax.world.kinds import EVS, GAS, KINDS
 from medjax.world.numbers import as_numbers, read_number
 from medjax.world.params import COILS, SIZES, EnvParams
 from medjax.world.presets import PLACES, SCENARIOS, Recipe, change_numbers
@@ -129,13 +129,14 @@ def _profile(numbers: dict[Any, Any], sizes: dict[Any, Any]) -> np.ndarray | Non
 
 
 def _as_slow(scenario: str, road: Mapping[str, Any]) -> dict[str, Any]:
-    """A road's numbers; kinds that the preset makes slower than cars desire no more than there."""
+    """A road's numbers; where a preset's EVs are slower than cars, as lorries are, they desire no more than there."""
     preset = SCENARIOS[scenario]
     own = np.asarray(preset.params(preset.config).drivers.desired_speed)
     speeds = as_numbers(road.get("desired_speed"))
     if speeds is None or speeds.shape != own.shape:
         return dict(road)
-    kept = np.where(own < own[GAS], np.minimum(own, speeds), speeds)
+    slow = (own < own[GAS]) & [kind.slots == EVS for kind in KINDS]
+    kept = np.where(slow, np.minimum(own, speeds), speeds)
     return {**road, "desired_speed": kept.tolist()}
 
 
@@ -215,7 +216,8 @@ def make(
       **overrides: sizes of `EnvConfig` (`num_evs=80`); numbers of `EnvParams` by name (`cooldown_s=30`), with the group
         if the name is not unique (`{"ev.mass_kg": 2000}`); coils (`med_coil_radius_m=0.4`); or
         `reward_weights={"dispatches": -1.0}`. `road` and `demand` hold several numbers by name, such as
-        `medjax.read_sumo_net` and `medjax.read_detectors` return; what is given beside them takes precedence. The
+        `medjax.read_sumo_net` and `medjax.read_detectors` return; what is given beside them takes precedence. EVs that
+        are lorries in the preset stay as slow as there, whatever speed limit `road` has. The
         lengths of `ramp_x_m`, `exit_x_m` and `profile` set `num_ramps`, `num_exits` and `num_periods` unless these are
         given.
 

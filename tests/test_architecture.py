@@ -38,7 +38,7 @@ medjax.wrappers
 medjax.episodes
 medjax.render
 medjax medjax.trajectories
-train.option train.yaml_file
+train.option train.settings_file
 train.settings
 train.algorithms
 train.evaluation train.runs train.reporting

@@ -14,7 +14,7 @@ import pytest
 from medjax import commandline
 from medjax.world.params import SIZES
 from tests.bad_texts import FILES, PATHS, TEXTS
-from tests.benchmarks.studies.test_prices import ISO, rows, text_of
+from tests.benchmarks.studies.price_rows import ISO, rows, text_of
 from tests.documented import NUMBERS, ROOT
 from tests.refusals import MOST_S, AcceptedError, check_line
 from tests.test_bad_input import (

@@ -10,7 +10,7 @@ from benchmarks.verification.golden import BUSY, QUIET, TRIPS
 from medjax.env.tick import physics_tick
 from medjax.traffic.step import drivers_of
 from medjax.world.state import IN_SERVICE
-from tests.test_precision import platoon, played
+from tests.float64_ticks import platoon, played
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 

@@ -80,18 +80,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             run_dir = RunDir(as_path("--run-dir", given.run_dir))
             config = to_play(run_dir.load_config(), given.scenario, changes)
         # JAX takes seconds to import; bad options are refused before.
-        from train.runs import policies as of_run
+        from train.runs import policies as run_policies
 
         found: dict[str, Any] = {}
         names = None if given.policies is None else given.policies.split(",")
         everyone = [*(names or ()), *([] if given.baseline is None else [given.baseline])]
         if config is None:
-            env, params, config = of_run.make_world(everyone, given.scenario, changes)
+            env, params, config = run_policies.make_world(everyone, given.scenario, changes)
         else:
-            of_run.check_names(config, everyone)
-            env, params, found = of_run.load_policies(run_dir.path, config)
-        policies = of_run.chosen(env, found, names, given.baseline)
-        of_run.check_episodes(numbers["episodes"], len(policies), given.force)
+            run_policies.check_names(config, everyone)
+            env, params, found = run_policies.load_policies(run_dir.path, config)
+        policies = run_policies.chosen(env, found, names, given.baseline)
+        run_policies.check_episodes(numbers["episodes"], len(policies), given.force)
     except InputError as error:
         return fail("python -m train.evaluate", error)
     say_unneeded("train.evaluate", given)

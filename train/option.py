@@ -132,6 +132,20 @@ def current_names(values: Mapping[str, Any]) -> dict[str, Any]:
     return current
 
 
+def without_idle(values: Any) -> Any:
+    """The settings of a run without `force`, and without those that did nothing there and would be refused today."""
+    if not isinstance(values, Mapping):
+        return values
+    idle = {"force"}
+    if values.get("agents", "none") != "none":
+        idle.add("observation")
+    if values.get("network") != "sets":
+        idle.add("encoder")
+    if values.get("policy_prior") == "wait" or values.get("observation") == "flat":
+        idle.add("rule_sharpness")
+    return {name: value for name, value in values.items() if name not in idle}
+
+
 def say_renamed(names: Iterable[str]) -> None:
     """Prints a line for each former name among `names`, once in a process."""
     for old in RENAMED.keys() & {*names}:

@@ -6,22 +6,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
-from medjax.commandline import read_json
 from medjax.errors import InputError, shown
-from medjax.files import check_input
-from train.option import Override, checked, current_names, filled, option, say_renamed
-from train.yaml_file import read_yaml
+from train.option import Override, checked, current_names, filled, option, say_renamed, without_idle
+from train.settings_file import read_file
 
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
 MOST_PER_CALL = 1024  # updates in one call of the compiled program
-MOST_BYTES = 2**16  # in a file of settings
 GIVEN = "given from Python"  # marks the file of a run whose settings do not rebuild its environment
 # The deterministic rules of medjax.BASELINES that do not change how vehicles drive.
 DISPATCHERS = ("periodic", "paced", "greedy", "forecast", "budgeted")
-# The only values that some settings may have without agents, and others with them, where they would do nothing or harm.
-OF_DISPATCHERS = ("credit", "team", ""), ("dispatcher", "agents", "")
-LONGER = "; --set rounds_per_decision=N makes decisions longer"  # action 0 in between would cancel an agent's orders
-OF_AGENTS = ("wrapper", "none", ""), ("observation", "profile", ""), ("decide_every", 1, LONGER)
+# Settings that must keep their defaults: those of agents where there are none, and those that agents do not have.
+NEED_AGENTS = ("credit", "dispatcher")
+WITHOUT_AGENTS = (
+    "wrapper",
+    "observation",
+    "decide_every",
+)  # between choices, action 0 would cancel an agent's orders
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,6 +116,7 @@ class TrainConfig(abc.ABC):
     eval_episodes: int = option(
         64, "run", "episodes of the closing evaluation; 0: none", limits=(0, 10**7)
     )
+
     force: bool = option(False, "run", "start even if the run needs more memory than there is")
 
     network: str = option(
@@ -151,7 +152,8 @@ class TrainConfig(abc.ABC):
     initial_wait: float = option(
         0.8,
         "network",
-        "initial probability of action 0, unless a rule is the start; of agents, also of the usual lane and accepting",
+        "initial probability of action 0, unless training starts from a rule; for agents also of their usual lane, "
+        "and of taking EVs",
         limits=(0.001, 0.999),
     )
     compute_dtype: str = option(
@@ -171,10 +173,10 @@ class TrainConfig(abc.ABC):
         for name in ("hidden", "encoder"):
             if not getattr(self, name):
                 raise InputError(f"{name} is empty, allowed: at least one width")
-        for name, usual, hint in OF_DISPATCHERS if self.agents == "none" else OF_AGENTS:
-            if (value := getattr(self, name)) != usual:
+        for name in NEED_AGENTS if self.agents == "none" else WITHOUT_AGENTS:
+            if (value := getattr(self, name)) != (usual := getattr(TrainConfig, name)):
                 given = f"agents is {self.agents!r} and {name} is {shown(value)}"
-                raise InputError(f"{given}, allowed: {usual}{hint}")
+                raise InputError(f"{given}, allowed: {usual}")
         if self.eval_episodes == 1:
             raise InputError("eval_episodes is 1, allowed: 0, or at least 2")
         if self.num_envs and self.total_timesteps and self.num_updates > MOST_COUNTED:
@@ -254,7 +256,7 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
 
 
 def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config:
-    """Reads the config.json of a run (without its `force`), or a file of settings; the suffix tells JSON from YAML.
+    """Reads the config.json of a run (see `without_idle`), or a file of settings; the suffix tells JSON from YAML.
 
     Args:
         path: file to read.
@@ -265,7 +267,7 @@ def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config
         InputError: the file is missing, cannot be read, holds a value out of range, or does not describe the
             environment.
     """
-    data = _read(path)
+    data = read_file(path)
     is_file_of_run = isinstance(data, dict) and "config" in data
     if is_file_of_run and data.get("environment") == GIVEN and not given:
         raise InputError(
@@ -273,28 +275,6 @@ def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config
             "allowed: train.api.train and evaluate, with that environment"
         )
     try:
-        config = from_json(data["config"] if is_file_of_run else data, *kinds)
-        return dataclasses.replace(config, force=False) if is_file_of_run else config
+        return from_json(without_idle(data["config"]) if is_file_of_run else data, *kinds)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-def _read(path: Path) -> Any:
-    """The content of a file of settings; raises as `load_config`."""
-    check_input("settings", path)
-    try:
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from None
-    if len(content) > MOST_BYTES:
-        raise InputError(f"{path} is too long, allowed: at most {MOST_BYTES} bytes")
-    is_yaml = path.suffix in (".yaml", ".yml")
-    try:
-        return read_yaml(content.decode()) if is_yaml else read_json(content.decode())
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file") from None
-    except (ValueError, RecursionError):
-        raise InputError(f"{path} is not a {'YAML' if is_yaml else 'JSON'} file") from None

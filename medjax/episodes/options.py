@@ -81,11 +81,11 @@ class EpisodeRequest:
             chosen = {text: policy for text, (_, policy) in zip(self.policies, built, strict=True)}
         return env, params, chosen
 
-    def check_memory(self) -> None:
-        """Raises InputError if the recordings of all policies do not fit into memory; compiles nothing."""
-        env, params = self.prepared()
+    def check_memory(self, env: ChargingEnv, params: EnvParams, episodes: int = 1) -> None:
+        """Raises InputError if recordings of so many episodes with all policies do not fit into memory."""
         config, decisions = env.config, episode_decisions(params)
-        slots = decisions * config.ticks_per_decision * config.num_vehicles * len(self.policies)
+        frames = decisions * config.ticks_per_decision * len(self.policies) * episodes
+        slots = frames * config.num_vehicles
         what = f"an episode of {decisions} decisions with {config.num_vehicles} vehicles"
         check_memory(what, slots * BYTES_OF_A_SLOT, self.force)
 

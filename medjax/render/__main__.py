@@ -23,7 +23,7 @@ from medjax.errors import InputError, MissingLibrary, shown
 from medjax.files import check_output
 from medjax.policies.policy import Policy
 from medjax.render.camera import AUTO, FORMS, Shot, as_number, check_follow
-from medjax.render.grid import pick, write_grid
+from medjax.render.grid import SHOWN, pick, write_grid
 from medjax.render.layout import check_size
 from medjax.render.player import write_player
 from medjax.render.story import (
@@ -107,8 +107,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         parser.error(str(error))
     try:
-        _check(request, *request.played.prepared())
-        request.played.check_memory()
+        prepared = request.played.prepared()
+        _check(request, *prepared)
+        request.played.check_memory(*prepared, episodes=len(SHOWN) if request.grid else 1)
         env, params, chosen = request.played.build()
         request = dataclasses.replace(request, evaluation=_evaluation(request, env, list(chosen)))
         if request.grid:

@@ -19,11 +19,14 @@ STYLE = (
 )
 
 
+SHOWN = ("best", "median", "worst")  # episodes of the page
+
+
 def pick(returns: np.ndarray) -> dict[str, int]:
-    """The best, median and worst episode of returns `(N,)`; an even number has its upper median."""
+    """The episodes that `SHOWN` names, of returns `(N,)`; an even number has its upper median."""
     order = np.argsort(returns, kind="stable")
-    places = {"best": order[-1], "median": order[len(order) // 2], "worst": order[0]}
-    return {name: int(episode) for name, episode in places.items()}
+    places = order[[-1, len(order) // 2, 0]].tolist()
+    return dict(zip(SHOWN, places, strict=True))
 
 
 def write_grid(

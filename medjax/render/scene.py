@@ -72,7 +72,7 @@ def _scene_of(frame: Frames, params: EnvParams, **told: object) -> Scene:
 
 
 def scene_of_state(state: EnvState, config: EnvConfig, params: EnvParams, title: str) -> Scene:
-    """The scene of one environment's state, which knows how many EVs ran out but not where."""
+    """The scene of one environment's state, which knows where EVs ran out only if they are still on the road."""
     return _scene_of(
         frame_of(state, params),
         params,

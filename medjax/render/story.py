@@ -133,7 +133,8 @@ def read_evaluation(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
-        raise InputError(f"--evaluation {path}: allowed a file that train.evaluate --json wrote")
+        allowed = "allowed a file that train.evaluate --json wrote, with finite numbers"
+        raise InputError(f"--evaluation {path}: {allowed}")
     return dict(found)
 
 

@@ -50,7 +50,7 @@ class FleetParams(struct.PyTreeNode):
         0,
         math.inf,
         "m",
-        "a MED leaves at the first exit after this distance, or when it is empty; else at the road's end",
+        "a MED leaves at the first exit after this distance or at `reserve_soc`; without exits at the road's end",
     )
     service_speed: Scalar = number(
         22.0,
@@ -132,8 +132,8 @@ class ChargingParams(struct.PyTreeNode):
         0.1,
         100,
         "m",
-        "bumper to bumper; chosen: above the platoon's gap at 22 m/s, 8.6 m; where that gap is larger than this and "
-        "`dock_tolerance_m`, nobody reaches the rear and front slots",
+        "bumper to bumper; chosen: above the platoon's gap at 22 m/s, 8.6 m; if that gap is larger than the sum "
+        "of this and `dock_tolerance_m`, nobody reaches the rear and front slots",
     )
     dock_tolerance_m: Scalar = number(
         0.3,

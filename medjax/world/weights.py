@@ -65,8 +65,8 @@ PRICES = {
     "tows": weight(
         -250.0,
         "EUR",
-        "200 for the tow (120-270 in Germany), plus two hours of the driver; `delay_h` adds the delay of all vehicles, "
-        "its own until it is off the road",
+        "200 for the tow (120-270 in Germany), plus two hours of the driver; `delay_h` adds the delay of other "
+        "vehicles, and that of the EV until it is off the road",
     ),
     "charging_stops": weight(
         -18.0,

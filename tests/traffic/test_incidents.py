@@ -28,7 +28,8 @@ ROAD = {"num_gas": 120, "num_evs": 20, "num_meds": 2, "num_ramps": 1, "rounds_pe
 @functools.cache
 def road(number=2, **overrides):
     """An environment with this number of incidents, which reports its state after every tick, and its numbers."""
-    env, params = medjax.make("paper", **ROAD | GIVEN | overrides, num_incidents=number)
+    given = GIVEN if number else {}
+    env, params = medjax.make("paper", **ROAD | given | overrides, num_incidents=number)
     return env.with_probe(lambda state: state), params
 
 

@@ -116,7 +116,7 @@ def test_is_recorded_in_another_world(exported, monkeypatch):
         requested_episode(parser.parse_args([f"--policy={path}", "--set=num_ramps=2"])).build()
     monkeypatch.setattr("medjax.numerics.memory.memory_bytes", lambda: 10_000)
     with pytest.raises(InputError, match="an episode of 24 decisions with 20 vehicles: about"):
-        asked.check_memory()
+        asked.check_memory(*asked.prepared())
 
 
 def test_an_environment_that_no_file_can_rebuild_is_refused(exported):

@@ -1,6 +1,7 @@
 """Every value that a setting allows is accepted, in Python and on the command line."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -132,6 +133,22 @@ def test_what_is_given_stays_and_the_rest_follows_it(tmp_path):
     over_file = parse_request(PPOConfig, argv).config.for_episodes(150)
     assert over_file == dataclasses.replace(agents, seed=3)
     assert dataclasses.replace(PPOConfig(), agents="ippo").for_episodes(150) == agents
+
+
+@pytest.mark.parametrize(
+    ("idle", "kept"),
+    [
+        ({"agents": "ippo", "observation": "flat"}, {"agents": "ippo"}),
+        ({"policy_prior": "wait", "rule_sharpness": 1.0}, {"policy_prior": "wait"}),
+        ({"encoder": [32]}, {}),
+        ({"force": True}, {}),
+    ],
+)
+def test_what_did_nothing_in_a_run_is_left_out_of_its_settings(tmp_path, idle, kept):
+    """Versions before accepted it, and their runs can still be opened."""
+    file = tmp_path / "config.json"
+    file.write_text(json.dumps({"config": idle, "versions": {}}))
+    assert load_config(file, PPOConfig) == PPOConfig(**kept)
 
 
 def test_a_defect_of_ours_is_not_called_a_bad_file(tmp_path, monkeypatch):

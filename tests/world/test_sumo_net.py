@@ -90,8 +90,8 @@ def test_lorries_of_a_preset_stay_slow():
     """On `freight` EVs are lorries, which no limit for cars makes faster; on `corridor` they are cars."""
     road = {"desired_speed": [23.6, 36.1, 36.1, 36.1, 23.6]}
     slow, fast = (medjax.scenarios.prepare(name, road=road)[1] for name in ("freight", "corridor"))
-    np.testing.assert_allclose(slow.drivers.desired_speed, [23.0, 23.6, 23.6, 36.1, 23.6])
-    np.testing.assert_allclose(fast.drivers.desired_speed, [23.0, 36.1, 36.1, 36.1, 23.6])
+    np.testing.assert_allclose(slow.drivers.desired_speed, [23.6, 23.6, 23.6, 36.1, 23.6])
+    np.testing.assert_allclose(fast.drivers.desired_speed, [23.6, 36.1, 36.1, 36.1, 23.6])
 
 
 @pytest.mark.parametrize(

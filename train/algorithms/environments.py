@@ -29,6 +29,7 @@ from medjax.wrappers import (
     TimeLimitAsEnd,
 )
 from train.algorithms.networks import check_network
+from train.algorithms.policy_prior import starts_from_rule
 from train.settings import TrainConfig
 
 
@@ -44,8 +45,7 @@ def make_environment(config: TrainConfig) -> tuple[Any, Any]:
 def check_given(env: Any, config: TrainConfig) -> None:
     """Refuses (InputError) a user's own environment that the settings do not fit."""
     _check_devices(config)
-    _check_start(config)
-    check_network(config, env.observation)
+    _check_fit(env, config)
 
 
 def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, bool]:
@@ -89,10 +89,11 @@ def _check_devices(config: TrainConfig) -> None:
         environment_mesh(config.device_groups, config.num_devices, jax.devices())
 
 
-def _check_start(config: TrainConfig) -> None:
-    """Refuses (InputError) the sharpness of a rule that training does not start from."""
-    by_rule = config.policy_prior == "rule" and config.observation == "profile"
-    if not by_rule and config.rule_sharpness != (usual := TrainConfig.rule_sharpness):
+def _check_fit(env: Any, config: TrainConfig) -> None:
+    """Refuses (InputError) a network that cannot read the observation, and the sharpness of a rule that is no start."""
+    check_network(config, env.observation)
+    usual = TrainConfig.rule_sharpness
+    if config.rule_sharpness != usual and not starts_from_rule(env, config):
         given = f"rule_sharpness is {config.rule_sharpness} without a start from the rule"
         raise InputError(f"{given}, allowed: {usual}")
 
@@ -105,7 +106,6 @@ def check_environment(config: TrainConfig) -> None:
 def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
     # Building an environment compiles parts of it, so whatever can be refused without that is refused first.
     _check_devices(config)
-    _check_start(config)
     how: dict[str, Any] = dict(config.overrides)
     if config.reward != "preset":
         how["reward"] = _reward(config)
@@ -116,11 +116,11 @@ def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
         if wrap is not None:
             env = _wrapped(env, wrap, config.wrapper)
             check_is_environment(env)
-            check_network(config, env.observation)
+        _check_fit(env, config)
         return env, params
     how |= {"credit": config.credit, "central": config.agents == "mappo"}
     env, params = agents_of(config.scenario, build=build, **how)
-    check_network(config, env.observation)
+    _check_fit(env, config)
     return env, params
 
 

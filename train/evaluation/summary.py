@@ -28,6 +28,15 @@ def learned_names(names: Iterable[str]) -> list[str]:
     return [name for name in names if name not in others and not name.endswith(SAMPLED)]
 
 
+def returns_of_rules(result: Mapping[str, Any]) -> dict[str, float]:
+    """The finite mean returns of the policies that are not learned, by name; `result` is of `summarize`."""
+    entries = result["policies"]
+    returns = {
+        name: entries[name]["return_mean"] for name in entries if name not in learned_names(entries)
+    }
+    return {name: mean for name, mean in returns.items() if mean is not None}
+
+
 def summarize(
     scores: Mapping[str, Scores],
     scenario: str,

@@ -26,6 +26,8 @@ def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) 
         return f"{what}: {ours} and {theirs} are the same in each of the {episodes}."
     if len(gains) < FEWEST:
         return f"{what}: {episodes} are too few to tell {ours} from {theirs}."
+    if not np.isfinite(gains).all():
+        return f"{what}: it is not finite in some of the {episodes}."
     low, high = bootstrap_ci95(gains, seed)
     given = f"{_signed(float(np.mean(gains)))} {interval((low, high))}"
     if low <= 0.0 <= high:
@@ -34,21 +36,24 @@ def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) 
     return f"{what}: {side} with {ours} than with {theirs} in the same {episodes}, {given}."
 
 
-def reached(shares: Mapping[str, float], stops: Mapping[str, float] | None = None) -> str:
+def reached(shares: Mapping[str, float], stops: Mapping[str, float]) -> str:
     """States how many EVs of a hundred reach their exit, and how many leave before it to charge.
 
     Args:
         shares: share of the EVs that reach their exit, in [0, 1], by what is done, such as "with the trained policy".
-        stops: share that breaks off the trip to charge, likewise; None: nobody does. Where it is 0 it is not said.
+        stops: share that breaks off the trip to charge, likewise. Where it is none of a hundred it is not said.
 
     Returns:
         The sentence.
     """
+    leave = {done: round(100.0 * share) for done, share in stops.items()}
     cases: list[str] = []
     for done, share in shares.items():
-        here = f"{100.0 * share:.0f}" + ("" if cases else " reach their exit")
-        if stops is not None and stops[done] > 0.0:
-            here += f" and {100.0 * stops[done]:.0f} leave to charge"
+        here = f"{100.0 * share:.0f}"
+        if not cases or any(leave.values()):
+            here += " reach their exit"
+        if leave[done]:
+            here += f" and {leave[done]} leave to charge"
         cases.append(f"{here} {done}")
     return f"Of 100 electric vehicles (EVs), {_listed(cases)}."
 

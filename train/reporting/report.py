@@ -18,7 +18,7 @@ from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
 from train.evaluation.statistics import interquartile_mean
-from train.evaluation.summary import learned_names, summarize
+from train.evaluation.summary import learned_names, returns_of_rules, summarize
 from train.evaluation.tables import (
     DEPLETED_SHARE,
     balance_rows,
@@ -103,13 +103,7 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     names, seen, road = played.names, played.seen, played.params.road
     round_s, decision_s = played.env.config.round_s, played.env.config.decision_s
     step_s = decision_s * played.env.decisions_per_step
-    returns = {name: entry["return_mean"] for name, entry in played.result["policies"].items()}
-    learned = learned_names(returns)
-    rules = {
-        name: value
-        for name, value in returns.items()
-        if name not in learned and value is not None  # None: not finite
-    }
+    rules = returns_of_rules(played.result)
     plot_curve(path["training_curve"], read_rows(run_dir.metrics), config, rules)
     plot_comparison(path["comparison"], played.scores, played.seed, is_papers(played.result))
     ours = config.algorithm
@@ -169,8 +163,9 @@ def conclude(config: TrainConfig, played: Played) -> list[str]:
     duration = in_words(decisions * played.env.config.decision_s)
     fewer = 100.0 * (scores[ours]["depleted_share"] - scores[best]["depleted_share"])
     more = minutes[ours] - minutes["none"]
+    reach, leave = (dict(zip(done.values(), each, strict=True)) for each in (shares, stops))
     return [
-        reached(*(dict(zip(done.values(), each, strict=True)) for each in (shares, stops)))
+        reached(reach, leave)
         + " "
         + difference("EVs of 100 that run out", (ours, best), fewer, played.seed),
         lost(dict(zip(done.values(), means, strict=True)), duration)

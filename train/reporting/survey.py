@@ -23,9 +23,9 @@ class Survey(struct.PyTreeNode):
     soc: np.ndarray  # (P, D + 1, B) EVs on the road, by state of charge
     exit_soc: (
         np.ndarray
-    )  # (P, B) EVs that left the road with some charge: at their exit, or to charge
+    )  # (P, B) EVs that left the road with some charge, at their exit or to charge
     depleted: np.ndarray  # (P,) EVs that ran out
-    stops: np.ndarray  # (P,) EVs that broke off their trip to charge at an exit
+    stops: np.ndarray  # (P,) EVs that broke off their trip to charge
     sent: np.ndarray  # (P, T, R) MEDs
     need: np.ndarray  # (P, T, R) need of each ramp
     need_there: np.ndarray  # (P,) need of the ramps that MEDs were sent from, summed over MEDs

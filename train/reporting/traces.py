@@ -51,7 +51,7 @@ class Trace(struct.PyTreeNode):
     need: jax.Array  # (T, R) EVs, `forecast_need` as policies see it, before the decision
     reward: jax.Array  # (T,)
     depleted: jax.Array  # (T,) EVs that ran out
-    charging_stops: jax.Array  # (T,) EVs that broke off their trip to charge at an exit
+    charging_stops: jax.Array  # (T,) EVs that broke off their trip to charge
 
 
 def record(

@@ -12,7 +12,7 @@ from medjax.episodes.scores import Evaluation
 from medjax.files import write_json
 from train.algorithms.networks import PolicyWeights
 from train.evaluation.comparison import Comparison
-from train.evaluation.summary import learned_names, summarize
+from train.evaluation.summary import learned_names, returns_of_rules, summarize
 from train.reporting.figures import plot_curve
 from train.runs.logs import Row, final_return
 from train.runs.policies import all_policies, export_policy
@@ -60,12 +60,7 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Compar
         _export(run)  # the file includes the evaluation
     entries = played.result["policies"] if played is not None else {}
     returns = {name: entry["return_mean"] for name, entry in entries.items()}
-    learned = learned_names(returns)
-    rules = {
-        name: value
-        for name, value in returns.items()
-        if name not in learned and value is not None  # None: not finite
-    }
+    rules = {} if played is None else returns_of_rules(played.result)
     try:
         plot_curve(run.run_dir.plots / "training_curve.png", run.rows, run.config, rules)
     except ImportError:

@@ -69,12 +69,6 @@ def test_where_all_succeed_it_does(monkeypatch):
     assert end.value.code == 1
 
 
-def test_thorough_tests_run_on_the_gpu_too():
-    """The usual choice of pyproject.toml leaves them out."""
-    words = shlex.split(device.COMMANDS["tests"])
-    assert words[words.index("-m") + 1] == "not slow"
-
-
 @pytest.mark.parametrize("name", [name for name in device.COMMANDS if name != "tests"])
 def test_the_commands_exist_and_take_these_options(name, monkeypatch):
     module, *options = shlex.split(device.COMMANDS[name])

@@ -177,11 +177,11 @@ def test_masked_distribution_is_the_softmax_of_the_allowed():
 
 
 @pytest.mark.parametrize(
-    "how", [{}, {"network": "sets", "observation": "flat"}, {"agents": "mappo"}]
+    "how", [{}, {"network": "sets", "observation": "flat", "encoder": (8,)}, {"agents": "mappo"}]
 )
 def test_a_sample_of_zeros_has_finite_gradients(how):
     """The padding of a block of samples: nobody is seen, nothing is allowed, and its weight 0 would not hide a NaN."""
-    config = PPOConfig(hidden=(16,), encoder=(8,), **how)
+    config = PPOConfig(hidden=(16,), **how)
     env, params = make_environment(config)
     network, nothing = build_network(env, config), jnp.zeros(env.observation_space(params).shape)
     weights = network.init(jax.random.key(0), nothing[None])

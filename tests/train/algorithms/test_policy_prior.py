@@ -10,8 +10,11 @@ import pytest
 import medjax
 from medjax.agents import agents_of
 from medjax.env.wrapper import Wrapper
+from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
+from medjax.scenarios import prepare
 from train import option
+from train.algorithms.environments import check_given
 from train.algorithms.networks import build_network, masked_categorical
 from train.algorithms.policy_prior import prior_logits
 from train.algorithms.ppo.settings import PPOConfig
@@ -19,6 +22,16 @@ from train.runs.arguments import parse_request
 from train.settings import from_json, to_json
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+def test_the_environment_decides_whether_a_rule_is_the_start():
+    """Of one's own environment, whose observation the settings do not name."""
+    soft = PPOConfig(rule_sharpness=1.0)
+    profile, flat = (prepare("paper", observation=name)[0] for name in ("profile", "flat"))
+    check_given(profile, dataclasses.replace(soft, observation="flat"))
+    for env in (flat, MoreActions(profile)):
+        with pytest.raises(InputError, match=r"rule_sharpness is 1.0 .*allowed: 4.0"):
+            check_given(env, soft)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -24,12 +24,13 @@ def test_a_difference_needs_an_interval_without_zero(shift, words):
 def test_few_episodes_and_equal_episodes_show_no_difference():
     few = difference("Return", PAIR, np.full(FEWEST - 1, 5.0), 0)
     assert few == f"Return: {FEWEST - 1} episodes are too few to tell ppo from forecast."
+    lost = difference("Return", PAIR, np.append(np.ones(FEWEST), np.nan), 0)
+    assert lost == f"Return: it is not finite in some of the {FEWEST + 1} episodes."
     assert "the same in each of the 3 episodes" in difference("Return", PAIR, np.zeros(3), 0)
 
 
 def test_a_curve_is_told_by_the_means_of_its_parts():
     """Quarters, or halves of fewer updates, such as the 17 of a default run; never with an interval or a verdict."""
-    noise = np.tile([-1.0, 1.0], 50)
     rise = np.arange(100.0)
     settled = np.minimum(4.0 * rise, 100.0)
     for curve, first, third, last in (
@@ -40,8 +41,6 @@ def test_a_curve_is_told_by_the_means_of_its_parts():
     ):
         quarters = f"{first} in the first quarter of the updates, {third} in the third and {last} in the last."
         assert learning(curve) == f"The mean return is {quarters}"
-        for said in ("[", "rises", "falls", "visibly", "sure"):
-            assert said not in learning(curve + noise)
     for count, first, last in (
         (2 * FEWEST, "3.500", "11.50"),
         (17, "3.500", "12.50"),
@@ -61,7 +60,8 @@ def test_an_episode_stands_beside_the_mean_of_all():
 
 
 def test_evs_that_reach_their_exit_are_counted_by_the_hundred():
-    said = reached({"with ppo": 0.684, "with none": 0.316})
+    shares = {"with ppo": 0.684, "with none": 0.316}
+    said = reached(shares, dict.fromkeys(shares, 0.004))
     assert said == "Of 100 electric vehicles (EVs), 68 reach their exit with ppo, and 32 with none."
 
 
@@ -70,10 +70,9 @@ def test_evs_that_leave_to_charge_are_told_apart():
     shares = {"with ppo": 0.684, "with paced": 0.5, "with none": 0.316}
     said = reached(shares, {"with ppo": 0.121, "with paced": 0.0, "with none": 0.6})
     assert said == (
-        "Of 100 electric vehicles (EVs), 68 reach their exit and 12 leave to charge with ppo, 50 with paced, "
-        "and 32 and 60 leave to charge with none."
+        "Of 100 electric vehicles (EVs), 68 reach their exit and 12 leave to charge with ppo, 50 reach their exit with "
+        "paced, and 32 reach their exit and 60 leave to charge with none."
     )
-    assert reached(shares, dict.fromkeys(shares, 0.0)) == reached(shares)
 
 
 def test_lost_time_has_a_digit_only_if_it_is_short_and_no_minus_before_zero():

@@ -70,9 +70,9 @@ def test_evs_that_leave_to_charge_do_not_reach_their_exit(played):
     reach, _ = conclude(config(), played)
     assert reach.startswith(
         "Of 100 electric vehicles (EVs), 45 reach their exit and 15 leave to charge with the trained policy (ppo), "
-        "45 with the best rule (budgeted), 30 if EVs low on charge"
+        "45 reach their exit with the best rule (budgeted), 30 reach their exit if EVs low on charge"
     )
-    assert "and 1 and 9 leave to charge if nothing is done (none)." in reach
+    assert "and 1 reach their exit and 9 leave to charge if nothing is done (none)." in reach
 
 
 def test_of_several_seeds_the_conclusion_is_of_the_first(played):

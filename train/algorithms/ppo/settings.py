@@ -24,7 +24,10 @@ class PPOConfig(TrainConfig):
 
     algorithm: ClassVar[str] = "ppo"
     of_an_update = (
-        *(*TrainConfig.of_an_update, "rollout_length", "num_minibatches", "num_epochs"),
+        *TrainConfig.of_an_update,
+        "rollout_length",
+        "num_minibatches",
+        "num_epochs",
         "normalize_observations",  # its moments grow with every update, and the weights read what they give
     )
 
@@ -95,10 +98,10 @@ class PPOConfig(TrainConfig):
             # The initial policy reads an agent's status from the raw observation.
             given = f"agents is {self.agents!r} and normalize_observations is True"
             raise InputError(f"{given}, allowed: False")
-        by_rule = self.policy_prior == "rule" and self.observation == "profile"
         if self.encoder != (widths := PPOConfig.encoder) and self.network != "sets":
             given = f"network is {shown(self.network)} and encoder is {shown(self.encoder)}"
             raise InputError(f"{given}, allowed: {' '.join(map(str, widths))}")
+        by_rule = self.policy_prior == "rule" and self.observation == "profile"
         if self.normalize_observations and by_rule:
             # The rule needs numbers of EVs and packs, not deviations from their means.
             given = "policy_prior is 'rule' and normalize_observations is True"
