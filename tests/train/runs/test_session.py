@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from medjax.policies.rules import BASELINES
 from medjax.policies.saved import load_policy
 from tests.train.conftest import TINY, refused
 from tests.train.runs.conftest import QUIET
@@ -290,6 +291,6 @@ def test_evaluate_command(probe, capsys):
     refused(capsys, [*run, "--scenario=nowhere"], "nowhere", command=evaluate)
     refused(capsys, [*run, "--set", "x=1"], "'x'", command=evaluate)
     of_run = "ppo, ppo_sampled, ppo_seed2, ppo_seed2_sampled, start, start_sampled"
-    said = f"unknown policy 'all': allowed {of_run}, none, random, pretrained,"
+    said = f"unknown policy 'all': allowed {of_run}, {', '.join(BASELINES)}, pretrained,"
     for option in ("policies", "baseline"):
         refused(capsys, [*run, f"--{option}=all"], said, command=evaluate)
