@@ -136,12 +136,13 @@ def without_idle(values: Any) -> Any:
     """The settings of a run without `force`, and without those that did nothing there and would be refused today."""
     if not isinstance(values, Mapping):
         return values
-    idle = {"force"}
-    if values.get("agents", "none") != "none":
+    known, idle = current_names(values), {"force"}
+    if known.get("agents", "none") != "none":
         idle.add("observation")
-    if values.get("network") != "sets":
+    if known.get("network") != "sets":
         idle.add("encoder")
-    if values.get("policy_prior") == "wait" or values.get("observation") == "flat":
+    # Otherwise one's own environment may start from the rule, whatever observation the settings name.
+    if known.get("policy_prior") == "wait":
         idle.add("rule_sharpness")
     return {name: value for name, value in values.items() if name not in idle}
 

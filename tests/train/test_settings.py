@@ -10,7 +10,7 @@ from medjax.errors import InputError
 from train.algorithms.ppo.settings import PPOConfig
 from train.option import example
 from train.runs.arguments import parse_request
-from train.settings import load_config
+from train.settings import GIVEN, load_config
 
 FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
 
@@ -140,6 +140,7 @@ def test_what_is_given_stays_and_the_rest_follows_it(tmp_path):
     [
         ({"agents": "ippo", "observation": "flat"}, {"agents": "ippo"}),
         ({"policy_prior": "wait", "rule_sharpness": 1.0}, {"policy_prior": "wait"}),
+        ({"start": "wait", "rule_sharpness": 1.0}, {"policy_prior": "wait"}),
         ({"encoder": [32]}, {}),
         ({"force": True}, {}),
     ],
@@ -149,6 +150,14 @@ def test_what_did_nothing_in_a_run_is_left_out_of_its_settings(tmp_path, idle, k
     file = tmp_path / "config.json"
     file.write_text(json.dumps({"config": idle, "versions": {}}))
     assert load_config(file, PPOConfig) == PPOConfig(**kept)
+
+
+def test_a_soft_start_of_an_environment_of_one_s_own_is_kept(tmp_path):
+    """Its profile decides that the rule is the start, and not the observation that the settings name."""
+    given = {"observation": "flat", "rule_sharpness": 1.0}
+    file = tmp_path / "config.json"
+    file.write_text(json.dumps({"config": given, "environment": GIVEN, "versions": {}}))
+    assert load_config(file, PPOConfig, given=True) == PPOConfig(**given)
 
 
 def test_a_defect_of_ours_is_not_called_a_bad_file(tmp_path, monkeypatch):

@@ -21,9 +21,8 @@ class Survey(struct.PyTreeNode):
 
     episodes: np.ndarray  # ()
     soc: np.ndarray  # (P, D + 1, B) EVs on the road, by state of charge
-    exit_soc: (
-        np.ndarray
-    )  # (P, B) EVs that left the road with some charge, at their exit or to charge
+    # Left the road with some charge, at their exit or to charge.
+    exit_soc: np.ndarray  # (P, B) EVs
     depleted: np.ndarray  # (P,) EVs that ran out
     stops: np.ndarray  # (P,) EVs that broke off their trip to charge
     sent: np.ndarray  # (P, T, R) MEDs

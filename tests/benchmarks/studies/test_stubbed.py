@@ -28,10 +28,8 @@ def options(**more):
 @pytest.fixture
 def no_world(monkeypatch):
     """Settings without an environment."""
-    config = SimpleNamespace(
-        **{"scenario": "paper", "overrides": {}, "algorithm": "ppo"},
-        **{"num_updates": 5, "steps_per_update": 20},
-    )
+    config = SimpleNamespace(scenario="paper", overrides={}, algorithm="ppo")
+    config.num_updates, config.steps_per_update = 5, 20
     config.for_episodes = lambda decisions: config
     for module in (sweeps, weights):
         monkeypatch.setattr(module, "settings", lambda options: config)
