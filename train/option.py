@@ -14,6 +14,7 @@ from medjax.errors import InputError, shown
 Override = bool | int | float | str | tuple[Any, ...] | dict[str, Any]
 
 RENAMED = {"start": "policy_prior"}  # former names of settings, accepted for one more version
+SHARPNESS_BEFORE = 4.0  # of the rule in runs that do not say it, and until 2026 its default
 MOST_ITEMS = 32  # in a list; a deeper network would take hours to compile
 
 
@@ -132,8 +133,17 @@ def current_names(values: Mapping[str, Any]) -> dict[str, Any]:
     return current
 
 
-def without_idle(values: Any) -> Any:
-    """The settings of a run without `force`, and without those that did nothing there and would be refused today."""
+def of_a_run(values: Any, own: bool) -> Any:
+    """The settings of a run, as this version reads them.
+
+    It leaves out `force`, and settings that did nothing there and would be refused today. It adds the sharpness of the
+    rule, which earlier versions did not write.
+
+    Args:
+        values: the settings, as the run's file holds them.
+        own: the run's environment was given from Python. It may start from the rule, whatever observation the settings
+            name.
+    """
     if not isinstance(values, Mapping):
         return values
     known, idle = current_names(values), {"force"}
@@ -141,10 +151,11 @@ def without_idle(values: Any) -> Any:
         idle.add("observation")
     if known.get("network") != "sets":
         idle.add("encoder")
-    # Otherwise one's own environment may start from the rule, whatever observation the settings name.
-    if known.get("policy_prior") == "wait":
+    flat = known.get("observation") == "flat" and "observation" not in idle
+    if known.get("policy_prior") == "wait" or (flat and not own):
         idle.add("rule_sharpness")
-    return {name: value for name, value in values.items() if name not in idle}
+    kept = {name: value for name, value in values.items() if name not in idle}
+    return kept if "rule_sharpness" in idle else {"rule_sharpness": SHARPNESS_BEFORE} | kept
 
 
 def say_renamed(names: Iterable[str]) -> None:

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 from medjax.commandline import as_path, read_object
 from medjax.errors import InputError, shown, told
-from medjax.policies.policy import Choice, Policy
-from medjax.policies.pretrained import PRETRAINED, pretrained
+from medjax.policies.policy import Choice, Policy, sampled
+from medjax.policies.pretrained import PRETRAINED, PRETRAINED_SAMPLED, pretrained
 from medjax.policies.rules import BASELINES
 from medjax.policies.saved import ExportedPolicy, load_policy
 from medjax.policies.team import rules_of
@@ -20,8 +20,8 @@ RUN = "run:"  # before the directory of a run
 POLICY = "policy.zip"  # trained policy in the directory of a run
 OTHERS = f"{RUN}DIR, module:function, or a file that ends in {FILE}"
 ALLOWED = (
-    f"a rule ({', '.join(BASELINES)}), {PRETRAINED} (shipped with medjax), {RUN}DIR (what train.ppo trained in DIR), "
-    f"module:function that builds a policy, or a file that ends in {FILE}"
+    f"a rule ({', '.join(BASELINES)}), {PRETRAINED} or {PRETRAINED_SAMPLED} (shipped with medjax), "
+    f"{RUN}DIR (what train.ppo trained in DIR), module:function that builds a policy, or a file that ends in {FILE}"
 )
 """What `check_policy` accepts, for the help of a command."""
 
@@ -50,7 +50,7 @@ def file_of(text: str) -> Path | None:
 
 def check_policy(text: str, known: Iterable[str] = BASELINES) -> None:
     """Raises InputError if text names no policy for `as_policy`; needs no environment. `known` are the rules."""
-    known = [*known, PRETRAINED]
+    known = [*known, PRETRAINED, PRETRAINED_SAMPLED]
     if file_of(text) is not None or text in known:
         return
     if ":" not in text:
@@ -68,10 +68,10 @@ def as_policy(env: Any, given: Any) -> Policy:
 
     Args:
       env: a single environment.
-      given: a `Policy`; an `ExportedPolicy` or the path of its file; the name of a rule; "pretrained", for the
-        environment's preset; `"run:DIR"`, for what train.ppo trained in DIR; `"module:name"` of a function that builds
-        a policy from an environment; or a function `act(key, obs, state, params)` that returns an action, () int32, or
-        a `Choice`.
+      given: a `Policy`; an `ExportedPolicy` or the path of its file; the name of a rule; "pretrained" or
+        "pretrained_sampled", for the environment's preset; `"run:DIR"`, for what train.ppo trained in DIR;
+        `"module:name"` of a function that builds a policy from an environment; or a function
+        `act(key, obs, state, params)` that returns an action, () int32, or a `Choice`.
 
     Raises:
       InputError: given is none of these, or does not fit the environment.
@@ -103,6 +103,8 @@ def _named(env: Any, text: str) -> Policy:
         return rules[text]
     if text == PRETRAINED:
         return pretrained(env)
+    if text == PRETRAINED_SAMPLED:
+        return sampled(pretrained(env))
     if (file := file_of(text)) is not None:
         return load_policy(file).policy(env)
     if ":" in text:
@@ -113,7 +115,7 @@ def _named(env: Any, text: str) -> Policy:
             refusal = f"policy {shown(text)} failed to build: {told(error)}"
             raise InputError(refusal) from error
         return as_policy(env, built)
-    raise _unknown(text, [*rules, PRETRAINED])
+    raise _unknown(text, [*rules, PRETRAINED, PRETRAINED_SAMPLED])
 
 
 def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:

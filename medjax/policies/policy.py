@@ -49,6 +49,18 @@ def rule(act: Callable[[jax.Array, Any, Any], jax.Array], num_actions: int) -> P
     return Policy(choose)
 
 
+def sampled(policy: Policy) -> Policy:
+    """The policy that draws each action from the probabilities of another, which a rule's 0 and 1 leave as it is."""
+
+    def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        act_key, draw_key = jax.random.split(key)
+        _, probabilities = policy.act(weights, act_key, obs, state, params)
+        action = jax.random.categorical(draw_key, jnp.log(probabilities))
+        return Choice(action.astype(jnp.int32), probabilities)
+
+    return Policy(choose, policy.weights, policy.params_transform)
+
+
 def every(policy: Policy, interval: int) -> Policy:
     """Asks `policy` at every `interval`-th decision; takes action 0 in between (see `wrappers.DecideEvery`)."""
     if interval == 1:

@@ -8,6 +8,7 @@ from medjax.policies.policy import Policy
 from medjax.policies.saved import ExportedPolicy, load_policy
 
 PRETRAINED = "pretrained"  # as a policy name
+PRETRAINED_SAMPLED = "pretrained_sampled"  # the same, each action drawn
 FILES = Path(__file__).parent / "trained"
 
 

@@ -82,6 +82,8 @@ def test_plays_by_name_in_environments_that_it_fits():
     obs, state = jax.jit(seen.reset)(jax.random.key(0), numbers)
     again = same(jax.random.key(1), obs, state, numbers)
     np.testing.assert_allclose(choice.probabilities, again.probabilities, atol=1e-6)
+    drawn = jax.jit(as_policy(seen, "pretrained_sampled"))(jax.random.key(1), obs, state, numbers)
+    np.testing.assert_array_equal(drawn.probabilities, again.probabilities)
     three, *_ = prepare("paper", num_ramps=3)
     with pytest.raises(InputError, match="features"):
         as_policy(three, "pretrained")
