@@ -22,6 +22,7 @@ from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
 from train.evaluation.comparison import Comparison
 from train.evaluation.summary import summarize
+from train.option import filled
 from train.runs.arguments import Request
 from train.runs.checkpoint import CHECKPOINTS
 from train.runs.interrupts import StoppedError
@@ -139,7 +140,9 @@ def _settings(config: TrainConfig | None, resume: Path | None, given: bool) -> T
         return PPOConfig() if resume is None else RunDir(resume, given).load_config()
     if not isinstance(config, TrainConfig):
         raise InputError(f"config is {shown(config)}, allowed: settings, such as PPOConfig()")
-    return config
+    if resume is None:
+        return config
+    return filled(config, rule_sharpness=RunDir(resume, given).load_config().rule_sharpness)
 
 
 def _environment(

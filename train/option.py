@@ -14,7 +14,10 @@ from medjax.errors import InputError, shown
 Override = bool | int | float | str | tuple[Any, ...] | dict[str, Any]
 
 RENAMED = {"start": "policy_prior"}  # former names of settings, accepted for one more version
-SHARPNESS_BEFORE = 4.0  # of the rule in runs that do not say it, and until 2026 its default
+SOFT_RULE, SHARP_RULE = (
+    1.0,
+    4.0,
+)  # defaults of `rule_sharpness`; the first versions had the sharp one
 MOST_ITEMS = 32  # in a list; a deeper network would take hours to compile
 
 
@@ -133,16 +136,11 @@ def current_names(values: Mapping[str, Any]) -> dict[str, Any]:
     return current
 
 
-def of_a_run(values: Any, own: bool) -> Any:
+def of_a_run(values: Any) -> Any:
     """The settings of a run, as this version reads them.
 
     It leaves out `force`, and settings that did nothing there and would be refused today. It adds the sharpness of the
-    rule, which earlier versions did not write.
-
-    Args:
-        values: the settings, as the run's file holds them.
-        own: the run's environment was given from Python. It may start from the rule, whatever observation the settings
-            name.
+    rule, which the first versions did not write.
     """
     if not isinstance(values, Mapping):
         return values
@@ -151,11 +149,12 @@ def of_a_run(values: Any, own: bool) -> Any:
         idle.add("observation")
     if known.get("network") != "sets":
         idle.add("encoder")
-    flat = known.get("observation") == "flat" and "observation" not in idle
-    if known.get("policy_prior") == "wait" or (flat and not own):
+    # Otherwise one's own environment may start from the rule, whatever observation the settings name.
+    is_default = known.get("rule_sharpness") in (SOFT_RULE, SHARP_RULE)
+    if known.get("policy_prior") == "wait" and not is_default:
         idle.add("rule_sharpness")
     kept = {name: value for name, value in values.items() if name not in idle}
-    return kept if "rule_sharpness" in idle else {"rule_sharpness": SHARPNESS_BEFORE} | kept
+    return {"rule_sharpness": SHARP_RULE} | kept
 
 
 def say_renamed(names: Iterable[str]) -> None:

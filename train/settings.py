@@ -7,7 +7,17 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
 from medjax.errors import InputError, shown
-from train.option import Override, checked, current_names, filled, of_a_run, option, say_renamed
+from train.option import (
+    SHARP_RULE,
+    SOFT_RULE,
+    Override,
+    checked,
+    current_names,
+    filled,
+    of_a_run,
+    option,
+    say_renamed,
+)
 from train.settings_file import read_file
 
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
@@ -147,7 +157,7 @@ class TrainConfig(abc.ABC):
         None,
         "network",
         "how sharp the rule is that training starts from, in logits per EV; a lower number explores more; by default 1 "
-        "if a dispatcher trains on 5000 episodes or more, else 4",
+        "for a dispatcher that trains on 5000 episodes or more, else 4",
         limits=(0.001, 1000),
     )
     initial_wait: float = option(
@@ -200,14 +210,10 @@ class TrainConfig(abc.ABC):
         total = self.total_timesteps or (500_000 if agents else 10_000_000)
         most = total // (16 * self.choices_per_update * self.decide_every)  # they leave 16 updates
         num_envs = 32 if agents else 2 ** min(max(most.bit_length() - 1, 5), 10)  # 32 to 1024
-        return filled(self, total_timesteps=total, num_envs=num_envs)
-
-    def usual_sharpness(self, decisions: int) -> float:
-        """The default of `rule_sharpness` for episodes of that many decisions; 0: they are as long as a rollout."""
-        whole = self.for_episodes(decisions)
-        length = decisions or whole.choices_per_update * self.decide_every
-        # A softer rule plays worse at first. Dispatchers gained from it in 5000 episodes, but not in 2500.
-        return 1.0 if whole.total_timesteps >= 5000 * length and self.agents == "none" else 4.0
+        # A softer rule plays worse at first. On `paper` dispatchers gain from it in 5000 episodes, but not in 2500.
+        length = decisions or self.choices_per_update * self.decide_every
+        sharpness = SOFT_RULE if total >= 5000 * length and not agents else SHARP_RULE
+        return filled(self, total_timesteps=total, num_envs=num_envs, rule_sharpness=sharpness)
 
     @property
     def device_groups(self) -> int:
@@ -283,8 +289,6 @@ def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config
             "allowed: train.api.train and evaluate, with that environment"
         )
     try:
-        if is_file_of_run:
-            data = of_a_run(data["config"], own=data.get("environment") == GIVEN)
-        return from_json(data, *kinds)
+        return from_json(of_a_run(data["config"]) if is_file_of_run else data, *kinds)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

@@ -21,12 +21,13 @@ from tqdm import tqdm
 from benchmarks.command import add_plot, benchmark_parser, run_command
 from benchmarks.studies.ablation.side_by_side import Trained, train_learners
 from benchmarks.studies.sweep_tables import LEARNER, describe, other_rows, plot, table
+from medjax.episodes.runner import episode_decisions
 from medjax.episodes.scores import Evaluation, Scores, evaluate_policies
 from medjax.errors import InputError, shown
 from medjax.numerics.compilation import enable_compilation_cache
 from medjax.policies.policy import Policy
 from medjax.policies.team import rules_of
-from train.algorithms.environments import check_environment, completed, make_environment
+from train.algorithms.environments import check_environment, make_environment
 from train.algorithms.networks import PolicyWeights
 from train.algorithms.policy_prior import starts_from_rule
 from train.algorithms.ppo.settings import PPOConfig
@@ -106,7 +107,7 @@ def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> 
 
     The axes of the weights begin with `(rows, seeds)`, those of the curve end with them, and `finite` has these alone.
     """
-    config = completed(config, env, params)  # before its numbers are traced
+    config = config.for_episodes(episode_decisions(params))  # before its numbers are traced
     build, seeds = algorithm_of(config).build_learner, config.num_seeds
     keys = jax.random.key(config.seed)
     keys = jax.random.split(keys, seeds) if seeds > 1 else keys[None]
@@ -189,7 +190,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     env, params = make_environment(config)
     if "rule_sharpness" in varied and not starts_from_rule(env, config):
         raise InputError("--vary rule_sharpness: allowed where the first policy is the rule's")
-    config = completed(config, env, params)
+    config = config.for_episodes(episode_decisions(params))
     rows = combinations(config, varied)
     learned = learn(env, params, config, rows)
     played, starts, rules = play(env, params, config, rows, learned)

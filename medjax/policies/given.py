@@ -97,7 +97,7 @@ def named_policy(env: Any, text: str) -> tuple[str, Policy]:
 
 
 def _named(env: Any, text: str) -> Policy:
-    """Policy by name: a rule, "pretrained", a run, a file, or `module:name`."""
+    """Policy by name: a rule, "pretrained" or "pretrained_sampled", a run, a file, or `module:name`."""
     rules = rules_of(env)
     if text in rules:
         return rules[text]

@@ -82,10 +82,37 @@ def test_plays_by_name_in_environments_that_it_fits():
     obs, state = jax.jit(seen.reset)(jax.random.key(0), numbers)
     again = same(jax.random.key(1), obs, state, numbers)
     np.testing.assert_allclose(choice.probabilities, again.probabilities, atol=1e-6)
-    drawn = jax.jit(as_policy(seen, "pretrained_sampled"))(jax.random.key(1), obs, state, numbers)
-    np.testing.assert_array_equal(drawn.probabilities, again.probabilities)
     three, *_ = prepare("paper", num_ramps=3)
     with pytest.raises(InputError, match="features"):
         as_policy(three, "pretrained")
     refused(lambda: medjax.load_pretrained("moon"), "moon", "paper")
     refused(lambda: medjax.load_pretrained(["paper"]), "['paper']", "paper")
+
+
+@pytest.mark.usefixtures("quick_compiles")
+def test_sampled_it_draws_from_its_probabilities():
+    """While it is unsure it does not always do what is most probable, and never what is not allowed."""
+    env, params = medjax.make("paper", observation="profile")
+    policy, drawn = as_policy(env, "pretrained"), as_policy(env, "pretrained_sampled")
+
+    @jax.jit
+    def play(key):
+        def decide(state, key):
+            obs, mask = env.get_obs(state, params), env.action_mask(state, params)
+            likely, sampled = (each(key, obs, state, params) for each in (policy, drawn))
+            after = env.step_env(key, state, likely.action, params)[1]
+            return after, (likely, sampled, mask)
+
+        first, key = jax.random.split(key)
+        return jax.lax.scan(decide, env.reset(first, params)[1], jax.random.split(key, 600))[1]
+
+    likely, sampled, mask = jax.tree.map(
+        np.asarray, jax.vmap(play)(jax.random.split(jax.random.key(2), 8))
+    )
+    np.testing.assert_array_equal(likely.probabilities, sampled.probabilities)
+    others = 1.0 - likely.probabilities.max(-1)
+    unlike = likely.action != sampled.action
+    spread = np.sqrt((others * (1.0 - others)).sum())
+    assert others.sum() > 5.0
+    assert abs(unlike.sum() - others.sum()) < 5 * spread
+    assert np.take_along_axis(mask, sampled.action[..., None], -1).all()

@@ -16,13 +16,14 @@ from tests.train.conftest import TINY, make_probe, refused
 from tests.train.own_parts import Generous
 from tests.train.probe_envs import ProbeParams
 from tests.train.runs.test_session import assert_same_run, rows_of
+from train import api, export, ppo
 from train import evaluate as evaluate_command
-from train import export, ppo
 from train.algorithms.ppo.settings import PPOConfig
 from train.api import StoppedError, evaluate, train
 from train.runs.arguments import parse_request
 from train.runs.checkpoint import Checkpoints
 from train.runs.logs import read_rows
+from train.runs.run_directory import RunDir
 
 
 @pytest.fixture
@@ -187,6 +188,18 @@ def test_resumes_from_an_older_checkpoint(probe, config):
     again = train(config=config, resume="run/checkpoints/4.npz", quiet=True)
     assert [row["update"] for row in again.rows] == [1, 2, 3, 4, 5, 6]
     assert_same_run(probe / "whole", probe / "run")
+
+
+def test_a_longer_run_goes_on_from_the_rule_that_its_weights_add_to(tmp_path):
+    """Its length alone would choose a softer one; a number that is given stays, and is refused where it differs."""
+    RunDir(tmp_path).claim(PPOConfig(total_timesteps=10**6).for_episodes(600)).close()
+    longer = PPOConfig(total_timesteps=10**7)
+    assert longer.for_episodes(600).rule_sharpness == 1.0
+    resumed = api._settings(longer, tmp_path, given=False)
+    assert resumed == dataclasses.replace(longer, rule_sharpness=4.0)
+    soft = dataclasses.replace(longer, rule_sharpness=2.0)
+    assert api._settings(soft, tmp_path, given=False) == soft
+    assert api._settings(longer, None, given=False) == longer
 
 
 def test_a_run_that_fails_before_its_start_leaves_nothing(probe, config):

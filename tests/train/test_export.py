@@ -40,7 +40,7 @@ SMALL = {"num_meds": 3, "num_evs": 8, "num_gas": 12, "episode_decisions": 24}
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """A network with random weights and clear preferences, and its file."""
-    config = PPOConfig(hidden=(16,), overrides=SMALL, decide_every=4, initial_wait=0.01)
+    config = PPOConfig(hidden=(16,), overrides=SMALL, decide_every=4, rule_sharpness=4.0)
     env, params = medjax.make("paper", observation=config.observation, **SMALL)
     network = build_network(env, config)
     obs, _ = jax.jit(env.reset)(jax.random.key(0), params)

@@ -8,11 +8,11 @@ import pytest
 
 from medjax.errors import InputError
 from medjax.scenarios import prepare
-from train.algorithms.environments import check_given, completed
+from train.algorithms.environments import check_given
 from train.algorithms.ppo.settings import PPOConfig
 from train.option import example
 from train.runs.arguments import parse_request
-from train.settings import GIVEN, load_config
+from train.settings import GIVEN, load_config, to_json
 
 FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
 
@@ -121,37 +121,10 @@ def test_a_longer_run_takes_smaller_steps():
     assert np.all(np.diff(rates) < 0)
 
 
-def test_a_dispatcher_starts_softer_where_it_has_many_episodes():
-    """As many as docs/learner.md says, whatever their length; agents never do, and what is given stays."""
-    presets = {name: prepare(name, observation="profile") for name in ("paper", "freight")}
-    for env, params, *_ in presets.values():
-        length = int(params.episode_decisions)
-        for decisions, expected in ((5000 * length - 1, 4.0), (5000 * length, 1.0)):
-            config = PPOConfig(total_timesteps=decisions)
-            assert completed(config, env, params).rule_sharpness == expected
-            given = dataclasses.replace(config, rule_sharpness=2.0)
-            assert completed(given, env, params).rule_sharpness == 2.0
-    assert int(presets["freight"][1].episode_decisions) < int(presets["paper"][1].episode_decisions)
-    env, params, *_ = presets["paper"]
-    assert completed(PPOConfig(), env, params).rule_sharpness == 1.0  # ten million decisions
-    assert PPOConfig(agents="ippo", total_timesteps=10**9).usual_sharpness(150) == 4.0
-
-
-@pytest.mark.parametrize(
-    ("observation", "settings"), [("flat", {}), ("profile", {"policy_prior": "wait"})]
-)
-def test_a_start_without_the_rule_keeps_no_sharpness_of_it(observation, settings):
-    """So that the run, or another one with its settings, is not refused for a number that it was not given."""
-    env, params, *_ = prepare("paper", observation=observation)
-    config = completed(PPOConfig(observation=observation, **settings), env, params)
-    assert config.rule_sharpness is None
-    check_given(env, config)
-
-
 def test_what_is_given_stays_and_the_rest_follows_it(tmp_path):
     """However it is given: in Python, in a file, or on the command line over a file."""
     given = {"num_envs": 48, "learning_rate": 3e-4, "clip_epsilon": 0.3, "total_timesteps": 10**5}
-    config = PPOConfig(**given, rollout_length=7)
+    config = PPOConfig(**given, rollout_length=7, rule_sharpness=3.0)
     assert config.for_episodes(600) == config
     usual, agents = PPOConfig().for_episodes(600), PPOConfig(agents="ippo").for_episodes(150)
     assert (usual.num_envs, usual.total_timesteps, usual.num_updates) == (1024, 10_000_000, 17)
@@ -167,21 +140,45 @@ def test_what_is_given_stays_and_the_rest_follows_it(tmp_path):
 @pytest.mark.parametrize(
     ("idle", "kept"),
     [
-        ({"agents": "ippo", "observation": "flat"}, {"agents": "ippo", "rule_sharpness": 4.0}),
-        ({"policy_prior": "wait", "rule_sharpness": 1.0}, {"policy_prior": "wait"}),
-        ({"start": "wait", "rule_sharpness": 1.0}, {"policy_prior": "wait"}),
-        ({"observation": "flat", "rule_sharpness": 1.0}, {"observation": "flat"}),
-        ({"encoder": [32]}, {"rule_sharpness": 4.0}),
-        ({"force": True}, {"rule_sharpness": 4.0}),
-        ({"rule_sharpness": 1.0}, {"rule_sharpness": 1.0}),
-        ({"rule_sharpness": None}, {}),
+        ({"agents": "ippo", "observation": "flat"}, {"agents": "ippo"}),
+        ({"policy_prior": "wait", "rule_sharpness": 2.0}, {"policy_prior": "wait"}),
+        ({"start": "wait", "rule_sharpness": 2.0}, {"policy_prior": "wait"}),
+        ({"encoder": [32]}, {}),
+        ({"force": True}, {}),
     ],
 )
 def test_what_did_nothing_in_a_run_is_left_out_of_its_settings(tmp_path, idle, kept):
-    """Versions before accepted it, and their runs can still be opened; before it was a setting, the rule had 4."""
+    """Versions before accepted it, and their runs can still be opened. Where they name no sharpness, the rule had 4."""
     file = tmp_path / "config.json"
     file.write_text(json.dumps({"config": idle, "versions": {}}))
-    assert load_config(file, PPOConfig) == PPOConfig(**kept)
+    assert load_config(file, PPOConfig) == PPOConfig(**kept, rule_sharpness=4.0)
+
+
+@pytest.mark.parametrize("other", [{"policy_prior": "wait"}, {"observation": "flat"}])
+@pytest.mark.parametrize("decisions", [1_000_000, 10_000_000])
+def test_another_run_may_take_over_the_default_sharpness(tmp_path, other, decisions):
+    """Even one that does not start from the rule, to which the number that its file keeps says nothing."""
+    first = PPOConfig(total_timesteps=decisions).for_episodes(600)
+    file = tmp_path / "config.json"
+    file.write_text(json.dumps({"config": to_json(first), "versions": {}}))
+    config = dataclasses.replace(load_config(file, PPOConfig), **other)
+    assert config.rule_sharpness == first.rule_sharpness
+    check_given(prepare("paper", observation=config.observation)[0], config)
+
+
+def test_a_dispatcher_that_trains_on_many_episodes_starts_softer():
+    """From 5000 episodes on, whatever their length; agents never do, and what is given stays."""
+    for length in (360, 600):
+        for decisions, expected in ((5000 * length - 1, 4.0), (5000 * length, 1.0)):
+            config = PPOConfig(total_timesteps=decisions)
+            assert config.for_episodes(length).rule_sharpness == expected
+            given = dataclasses.replace(config, rule_sharpness=2.0, decide_every=7)
+            assert given.for_episodes(length).rule_sharpness == 2.0
+    assert PPOConfig().for_episodes(600).rule_sharpness == 1.0  # ten million decisions
+    assert PPOConfig(rollout_length=10).for_episodes(600) == PPOConfig(
+        rollout_length=10, rule_sharpness=1.0
+    ).for_episodes(600)
+    assert PPOConfig(agents="ippo", total_timesteps=10**9).for_episodes(150).rule_sharpness == 4.0
 
 
 def test_a_soft_start_of_an_environment_of_one_s_own_is_kept(tmp_path):

@@ -30,8 +30,8 @@ from medjax.wrappers import (
 )
 from train.algorithms.networks import check_network
 from train.algorithms.policy_prior import starts_from_rule
-from train.option import SHARPNESS_BEFORE, filled
-from train.settings import Config, TrainConfig
+from train.option import SHARP_RULE, SOFT_RULE
+from train.settings import TrainConfig
 
 
 def make_environment(config: TrainConfig) -> tuple[Any, Any]:
@@ -41,15 +41,6 @@ def make_environment(config: TrainConfig) -> tuple[Any, Any]:
         InputError: an unknown scenario, option or network, a value out of range, or devices that do not exist.
     """
     return _build(medjax.make, config)
-
-
-def completed(config: Config, env: Any, params: Any) -> Config:
-    """The settings with those that follow others, the environment, and the length of its episodes."""
-    decisions = episode_decisions(params)
-    sized = config.for_episodes(decisions)
-    if not starts_from_rule(env, sized):
-        return sized
-    return filled(sized, rule_sharpness=sized.usual_sharpness(decisions))
 
 
 def check_given(env: Any, config: TrainConfig) -> None:
@@ -102,11 +93,11 @@ def _check_devices(config: TrainConfig) -> None:
 def _check_fit(env: Any, config: TrainConfig) -> None:
     """Refuses (InputError) a network that cannot read the observation, and the sharpness of a rule that is no start."""
     check_network(config, env.observation)
-    # Runs of earlier versions hold their default, although nothing read it.
-    given = config.rule_sharpness not in (None, SHARPNESS_BEFORE)
+    # A default may be that of another run, whose settings this one takes over.
+    given = config.rule_sharpness not in (None, SOFT_RULE, SHARP_RULE)
     if given and not starts_from_rule(env, config):
         said = f"rule_sharpness is {config.rule_sharpness} without a start from the rule"
-        raise InputError(f"{said}, allowed: no number")
+        raise InputError(f"{said}, allowed: {SOFT_RULE} or {SHARP_RULE}, its defaults")
 
 
 def check_environment(config: TrainConfig) -> None:

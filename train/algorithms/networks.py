@@ -158,7 +158,7 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
 
     Args:
         env: environment to act in; only its numbers of actions and vehicles are read.
-        config: settings.
+        config: settings, completed by `TrainConfig.for_episodes`.
 
     Raises:
         InputError: an unknown network, or one that does not fit the observation.

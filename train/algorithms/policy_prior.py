@@ -14,7 +14,6 @@ from medjax.env.agents.view import AgentView
 from medjax.env.observation import RoadProfile
 from medjax.policies.rules import tuned_budget
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED
-from train.option import filled
 from train.settings import TrainConfig
 
 GOES_ON = 0.99  # initial probability that an agent stays, rather than leaves the road for good
@@ -73,11 +72,10 @@ def _of_dispatcher(env: Any, config: TrainConfig) -> Prior:
     ramps = env.config.num_ramps if isinstance(layout, AgentView) else env.num_actions - 1
     if starts_from_rule(env, config):
         env_config, budget = env.config, tuned_budget(env)
-        sharpness = filled(config, rule_sharpness=config.usual_sharpness(0)).rule_sharpness
 
         def like_rule(obs: jax.Array) -> jax.Array:
             margin = budget.margin(*layout.outlook(obs, env_config))
-            return jnp.pad(sharpness * margin, [(0, 0)] * (obs.ndim - 1) + [(1, 0)])
+            return jnp.pad(config.rule_sharpness * margin, [(0, 0)] * (obs.ndim - 1) + [(1, 0)])
 
         return like_rule
     logits = _mostly(0, 1 + ramps, config.initial_wait)

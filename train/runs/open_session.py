@@ -9,12 +9,13 @@ from typing import IO, Any
 import jax
 
 from medjax.episodes.duration import reckoned_time
+from medjax.episodes.runner import episode_decisions
 from medjax.errors import InputError, shown
 from medjax.numerics.devices import prepare_cpu
 from medjax.numerics.memory import GIGA, check_memory, tree_bytes
 from medjax.policies.team import rules_of
 from train.algorithms.algorithm import TrainState
-from train.algorithms.environments import completed, make_environment
+from train.algorithms.environments import make_environment
 from train.algorithms.programs import make_train, shapes_of
 from train.runs.arguments import Request
 from train.runs.checkpoint import Checkpoints, ShapeError, updates_done
@@ -43,7 +44,7 @@ def open_session(request: Request) -> Session:
     new = request.run_dir if is_first() else None
     together(lambda: check_unused(new) if new is not None else None)
     env, params = request.given or make_environment(config)
-    config = completed(config, env, params)
+    config = config.for_episodes(episode_decisions(params))
     request = dataclasses.replace(request, config=config)
     programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)

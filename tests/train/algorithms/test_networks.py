@@ -58,7 +58,9 @@ def assert_close(found, expected):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("config", [CONFIG, PPOConfig(hidden=(4,))], ids=["sets", "mlp"])
+@pytest.mark.parametrize(
+    "config", [CONFIG, PPOConfig(hidden=(4,), rule_sharpness=4.0)], ids=["sets", "mlp"]
+)
 def test_an_observation_of_another_size_is_refused(config):
     """One feature would be broadcast to all without a word."""
     env, params = medjax.make("paper", observation=config.observation, **SMALL)
@@ -79,7 +81,10 @@ def test_what_is_learned_at_one_ramp_holds_at_all():
     config = PPOConfig(hidden=(4,), policy_prior="wait")
     assert config.network == "ramps"
     env, params = medjax.make("paper", observation=config.observation, **SMALL)
-    network, plain = build_network(env, config), build_network(env, PPOConfig(network="mlp"))
+    network, plain = (
+        build_network(env, config),
+        build_network(env, PPOConfig(network="mlp", policy_prior="wait")),
+    )
     _, state = env.reset(jax.random.key(0), params)
     obs = env.get_obs(state, params)
     weights = network.init(jax.random.key(1), obs)
@@ -181,7 +186,7 @@ def test_masked_distribution_is_the_softmax_of_the_allowed():
 )
 def test_a_sample_of_zeros_has_finite_gradients(how):
     """The padding of a block of samples: nobody is seen, nothing is allowed, and its weight 0 would not hide a NaN."""
-    config = PPOConfig(hidden=(16,), **how)
+    config = PPOConfig(hidden=(16,), rule_sharpness=4.0, **how)
     env, params = make_environment(config)
     network, nothing = build_network(env, config), jnp.zeros(env.observation_space(params).shape)
     weights = network.init(jax.random.key(0), nothing[None])

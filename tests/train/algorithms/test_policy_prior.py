@@ -26,11 +26,11 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 def test_the_environment_decides_whether_a_rule_is_the_start():
     """Of one's own environment, whose observation the settings do not name."""
-    soft = PPOConfig(rule_sharpness=1.0)
+    soft = PPOConfig(rule_sharpness=2.0)
     profile, flat = (prepare("paper", observation=name)[0] for name in ("profile", "flat"))
     check_given(profile, dataclasses.replace(soft, observation="flat"))
     for env in (flat, MoreActions(profile)):
-        with pytest.raises(InputError, match=r"rule_sharpness is 1.0 .*allowed: no number"):
+        with pytest.raises(InputError, match=r"rule_sharpness is 2.0 .*allowed: 1.0 or 4.0"):
             check_given(env, soft)
 
 
@@ -53,15 +53,16 @@ def logits_at(env, params, config):
 def test_other_actions_than_ramps_start_without_the_rule():
     env, params = medjax.make("paper", observation="profile", num_meds=3, num_evs=5, num_gas=12)
     for world, even in ((MoreActions(env), True), (env, False)):
-        logits = logits_at(world, params, PPOConfig(hidden=(4,)))
+        logits = logits_at(world, params, PPOConfig(hidden=(4,), rule_sharpness=4.0))
         assert logits.shape == (world.num_actions,)
         assert (np.ptp(logits[1:]) < 0.1) == even
 
 
-def test_starts_as_the_rule():
+@pytest.mark.parametrize("sharpness", [1.0, 4.0])
+def test_starts_as_the_rule(sharpness):
     """Before training the most probable action is that of `budgeted`, except for ties that the last layer decides."""
     env, params = medjax.make("paper", observation="profile")
-    network = build_network(env, PPOConfig(hidden=(16,)))
+    network = build_network(env, PPOConfig(hidden=(16,), rule_sharpness=sharpness))
     policy, rule = BASELINES["budgeted"](env), BASELINES["random"](env)
 
     def play(state, key):

@@ -52,13 +52,10 @@ from train.settings import from_json, to_json
         (["--eval-episodes=1"], ["eval_episodes is 1", "at least 2"]),
         (["--encoder", "8"], ["network is 'ramps' and encoder is (8,)", "allowed: 64 64"]),
         (
-            ["--rule-sharpness=1", "--policy-prior=wait"],
-            ["rule_sharpness is 1.0 without a start from the rule", "allowed: no number"],
+            ["--rule-sharpness=2", "--policy-prior=wait"],
+            ["rule_sharpness is 2.0 without a start from the rule", "allowed: 1.0 or 4.0"],
         ),
-        (
-            ["--rule-sharpness=1", "--observation=flat"],
-            ["rule_sharpness is 1.0", "allowed: no number"],
-        ),
+        (["--rule-sharpness=2", "--observation=flat"], ["rule_sharpness is 2.0", "1.0 or 4.0"]),
         (["--set", "nothing=3"], ["nothing", "allowed", "episode_decisions"]),
         (["--set", "episode_decisions=-3"], ["episode_decisions is -3", "above 0"]),
         (["--set", "episode_decisions=nan"], ["episode_decisions is nan", "above 0"]),

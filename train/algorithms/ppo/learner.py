@@ -11,6 +11,7 @@ from flax import struct
 from jax.sharding import Mesh
 
 from medjax.env.contract import Environment
+from medjax.episodes.runner import episode_decisions
 from medjax.numerics.devices import environment_mesh, on_devices
 from train.algorithms.advantages import (
     Steps,
@@ -19,7 +20,7 @@ from train.algorithms.advantages import (
     needs_bootstrap,
 )
 from train.algorithms.algorithm import Algorithm, Metrics, TrainState, first_weights
-from train.algorithms.environments import completed, training_batch
+from train.algorithms.environments import training_batch
 from train.algorithms.finite import BAD, first_bad
 from train.algorithms.minibatches import run_epochs, split_environments
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
@@ -196,7 +197,7 @@ def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearne
     Raises:
         InputError: `config.num_devices` is not possible.
     """
-    config = completed(config, env, params)
+    config = config.for_episodes(episode_decisions(params))
     network = build_network(env, config)
     mesh = environment_mesh(config.device_groups, config.num_devices, jax.devices())
     batch = training_batch(env, params, config, config.bootstrap_timeouts)
