@@ -14,10 +14,8 @@ from medjax.errors import InputError, shown
 Override = bool | int | float | str | tuple[Any, ...] | dict[str, Any]
 
 RENAMED = {"start": "policy_prior"}  # former names of settings, accepted for one more version
-SOFT_RULE, SHARP_RULE = (
-    1.0,
-    4.0,
-)  # defaults of `rule_sharpness`; the first versions had the sharp one
+# Defaults of `rule_sharpness`; the first versions had the sharp one.
+SOFT_RULE, SHARP_RULE = 1.0, 4.0
 MOST_ITEMS = 32  # in a list; a deeper network would take hours to compile
 
 
