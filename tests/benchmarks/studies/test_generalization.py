@@ -29,7 +29,8 @@ SMALL = {"num_meds": 2, "num_evs": 8, "num_gas": 40, "episode_decisions": 20}
 def untrained(path, observation):
     """A run of no update, on a road with few slots."""
     learner = {"num_envs": 2, "num_minibatches": 2, "hidden": (4,), "initial_wait": 0.1}
-    config = PPOConfig(**learner, observation=observation, overrides=SMALL)
+    given = PPOConfig(**learner, observation=observation, overrides=SMALL)
+    config = given.for_episodes(SMALL["episode_decisions"])
     env, params = make_environment(config)
     RunDir(path).claim(config)
     lowered = make_train(env, params, config).init.lower(jax.random.key(0), params)

@@ -23,7 +23,7 @@ def run(tmp_path, monkeypatch):
     """A run with the default settings and weights of ones; its environments compute no coils."""
     make = lambda config: environments._build(prepare, config)[:2]  # noqa: E731
     monkeypatch.setattr("train.runs.policies.make_environment", make)
-    run, config = RunDir(tmp_path / "run"), PPOConfig()
+    run, config = RunDir(tmp_path / "run"), PPOConfig().for_episodes(600)
     run.claim(config).close()
     shapes = weight_shapes(*make(config), config)
     weights = jax.tree.map(lambda leaf: np.ones(leaf.shape, leaf.dtype), shapes)
