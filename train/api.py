@@ -22,7 +22,6 @@ from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
 from train.evaluation.comparison import Comparison
 from train.evaluation.summary import summarize
-from train.option import filled
 from train.runs.arguments import Request
 from train.runs.checkpoint import CHECKPOINTS
 from train.runs.interrupts import StoppedError
@@ -82,7 +81,7 @@ def train(
             the environment of the settings.
         params: parameters of `env`, if that is an environment.
         config: settings; None takes the defaults, or those of the resumed run. An environment in `env` overrides what
-            they say about environments.
+            they say about environments. Without a `rule_sharpness` a resumed run keeps its own.
         run_dir: new or empty directory for the results; None takes an unused one under `runs/`. If the settings cannot
             rebuild the environment, config.json says so, and the commands on runs refuse the directory.
         resume: directory of a run to resume, in place of `run_dir`; or one of its `checkpoints/N.npz` to resume from,
@@ -140,9 +139,7 @@ def _settings(config: TrainConfig | None, resume: Path | None, given: bool) -> T
         return PPOConfig() if resume is None else RunDir(resume, given).load_config()
     if not isinstance(config, TrainConfig):
         raise InputError(f"config is {shown(config)}, allowed: settings, such as PPOConfig()")
-    if resume is None:
-        return config
-    return filled(config, rule_sharpness=RunDir(resume, given).load_config().rule_sharpness)
+    return config
 
 
 def _environment(

@@ -138,7 +138,7 @@ def of_a_run(values: Any) -> Any:
     """The settings of a run, as this version reads them.
 
     It leaves out `force`, and settings that did nothing there and would be refused today. It adds the sharpness of the
-    rule, which the first versions did not write.
+    rule where the file names none, as the first versions did.
     """
     if not isinstance(values, Mapping):
         return values
@@ -148,8 +148,8 @@ def of_a_run(values: Any) -> Any:
     if known.get("network") != "sets":
         idle.add("encoder")
     # Otherwise one's own environment may start from the rule, whatever observation the settings name.
-    is_default = known.get("rule_sharpness") in (SOFT_RULE, SHARP_RULE)
-    if known.get("policy_prior") == "wait" and not is_default:
+    sharpness, waits = known.get("rule_sharpness"), known.get("policy_prior") == "wait"
+    if sharpness is None or (waits and sharpness not in (SOFT_RULE, SHARP_RULE)):
         idle.add("rule_sharpness")
     kept = {name: value for name, value in values.items() if name not in idle}
     return {"rule_sharpness": SHARP_RULE} | kept

@@ -28,7 +28,7 @@ from medjax.episodes.verdict import NAMES
 from medjax.errors import InputError, shown
 from medjax.files import check_input, check_output, write_text
 from medjax.policies.given import ALLOWED, check_policy
-from medjax.policies.pretrained import PRETRAINED
+from medjax.policies.pretrained import PRETRAINED, PRETRAINED_SAMPLED
 from medjax.policies.rules import BASELINES
 from medjax.render.story import KNOWN
 from train.api import evaluate
@@ -122,7 +122,8 @@ def _write(path: Path, text: str) -> None:
 
 def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
     """The evaluation of medjax's own policies for the player, in the format of `train.evaluate --json`."""
-    rows = [row for row in board["rows"] if row["policy"] in (PRETRAINED, *BASELINES)]
+    ours = PRETRAINED, PRETRAINED_SAMPLED, *BASELINES
+    rows = [row for row in board["rows"] if row["policy"] in ours]
     policies = {}
     for row in sorted(rows, key=lambda row: -np.mean(row["returns"])):
         found = estimate(np.asarray(row["returns"]), 0)

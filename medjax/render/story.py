@@ -15,12 +15,13 @@ from medjax.episodes.verdict import COUNTED, LINES, NAMES
 from medjax.errors import InputError
 from medjax.files import check_input
 from medjax.policies.given import RUN
-from medjax.policies.pretrained import PRETRAINED
+from medjax.policies.pretrained import PRETRAINED, PRETRAINED_SAMPLED
 from medjax.policies.rules import BASELINES
 
 LEARNED = {
     "ppo": "Learned by trial and error in simulation (PPO).",
     PRETRAINED: "Comes with medjax, learned by trial and error in simulation (PPO).",
+    PRETRAINED_SAMPLED: "Comes with medjax, learned in simulation (PPO); draws each action at random.",
 }
 BEFORE_S = 3.0  # the player opens this long before the first charge
 KNOWN = Path(__file__).parent / "known"  # evaluations of presets, by name
@@ -30,7 +31,8 @@ def words_for(policy: str) -> str:
     """A sentence on a policy, for a rule the first line of its docstring; "" if the policy is unknown."""
     rule = BASELINES.get(policy)
     if rule is None:
-        return LEARNED.get("ppo" if policy.startswith(RUN) else policy.split("_")[0], "")
+        of_seed = "ppo" if policy.startswith(RUN) else policy.split("_")[0]
+        return LEARNED.get(policy, LEARNED.get(of_seed, ""))
     first = (rule.__doc__ or "").split("\n")[0]
     # Functions and units of arguments are for programmers only.
     plain = re.sub(r" \(`[^`]*`\)|_s\b", "", first)

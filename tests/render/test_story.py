@@ -38,6 +38,7 @@ def test_policies_have_a_sentence_and_unknown_ones_none():
         assert words.endswith(".")
         assert not set("`_") & set(words)  # names of functions
     assert "PPO" in words_for("pretrained")
+    assert "draws each action" in words_for("pretrained_sampled")
     assert "PPO" in words_for("ppo") == words_for("ppo_seed2")
     assert words_for("mine") == ""
 

@@ -16,14 +16,13 @@ from tests.train.conftest import TINY, make_probe, refused
 from tests.train.own_parts import Generous
 from tests.train.probe_envs import ProbeParams
 from tests.train.runs.test_session import assert_same_run, rows_of
-from train import api, export, ppo
 from train import evaluate as evaluate_command
+from train import export, ppo
 from train.algorithms.ppo.settings import PPOConfig
 from train.api import StoppedError, evaluate, train
 from train.runs.arguments import parse_request
 from train.runs.checkpoint import Checkpoints
 from train.runs.logs import read_rows
-from train.runs.run_directory import RunDir
 
 
 @pytest.fixture
@@ -190,16 +189,25 @@ def test_resumes_from_an_older_checkpoint(probe, config):
     assert_same_run(probe / "whole", probe / "run")
 
 
-def test_a_longer_run_goes_on_from_the_rule_that_its_weights_add_to(tmp_path):
-    """Its length alone would choose a softer one; a number that is given stays, and is refused where it differs."""
-    RunDir(tmp_path).claim(PPOConfig(total_timesteps=10**6).for_episodes(600)).close()
-    longer = PPOConfig(total_timesteps=10**7)
-    assert longer.for_episodes(600).rule_sharpness == 1.0
-    resumed = api._settings(longer, tmp_path, given=False)
-    assert resumed == dataclasses.replace(longer, rule_sharpness=4.0)
-    soft = dataclasses.replace(longer, rule_sharpness=2.0)
-    assert api._settings(soft, tmp_path, given=False) == soft
-    assert api._settings(longer, None, given=False) == longer
+@pytest.mark.thorough
+def test_a_longer_run_goes_on_from_the_rule_that_its_weights_add_to(probe, config):
+    """Its length alone would choose a softer one; another number that is given is refused."""
+    config = dataclasses.replace(config, eval_episodes=0)
+    first = train("noisy", None, config, run_dir="run", quiet=True)
+    assert first.config.rule_sharpness == 4.0
+    longer = dataclasses.replace(config, total_timesteps=10**5)
+    length = int(first.params.episode_decisions)
+    assert longer.for_episodes(length).rule_sharpness == 1.0
+
+    def stop(row):
+        raise StopIteration
+
+    with pytest.raises(InputError, match=r"rule_sharpness 1.0, which was 4.0 until now"):
+        train(config=dataclasses.replace(longer, rule_sharpness=1.0), resume="run", quiet=True)
+    with pytest.raises(StopIteration):
+        train(config=longer, resume="run", quiet=True, callback=stop)
+    kept = json.loads((probe / "run/config.json").read_text())["config"]
+    assert (kept["rule_sharpness"], kept["total_timesteps"]) == (4.0, 10**5)
 
 
 def test_a_run_that_fails_before_its_start_leaves_nothing(probe, config):

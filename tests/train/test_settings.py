@@ -145,6 +145,7 @@ def test_what_is_given_stays_and_the_rest_follows_it(tmp_path):
         ({"start": "wait", "rule_sharpness": 2.0}, {"policy_prior": "wait"}),
         ({"encoder": [32]}, {}),
         ({"force": True}, {}),
+        ({"rule_sharpness": None}, {}),
     ],
 )
 def test_what_did_nothing_in_a_run_is_left_out_of_its_settings(tmp_path, idle, kept):
@@ -178,6 +179,8 @@ def test_a_dispatcher_that_trains_on_many_episodes_starts_softer():
     assert PPOConfig(rollout_length=10).for_episodes(600) == PPOConfig(
         rollout_length=10, rule_sharpness=1.0
     ).for_episodes(600)
+    # Where nobody knows how long an episode is, rollouts do not count as episodes.
+    assert PPOConfig(rollout_length=10).for_episodes(0).rule_sharpness == 4.0
     assert PPOConfig(agents="ippo", total_timesteps=10**9).for_episodes(150).rule_sharpness == 4.0
 
 

@@ -17,6 +17,7 @@ from medjax.policies.team import rules_of
 from train.algorithms.algorithm import TrainState
 from train.algorithms.environments import make_environment
 from train.algorithms.programs import make_train, shapes_of
+from train.option import filled
 from train.runs.arguments import Request
 from train.runs.checkpoint import Checkpoints, ShapeError, updates_done
 from train.runs.logs import read_rows
@@ -44,6 +45,11 @@ def open_session(request: Request) -> Session:
     new = request.run_dir if is_first() else None
     together(lambda: check_unused(new) if new is not None else None)
     env, params = request.given or make_environment(config)
+    if (
+        request.resume is not None
+    ):  # a longer run's default may be another rule than its weights add to
+        before = RunDir(request.resume, request.given is not None).load_config(type(config))
+        config = filled(config, rule_sharpness=before.rule_sharpness)
     config = config.for_episodes(episode_decisions(params))
     request = dataclasses.replace(request, config=config)
     programs = make_train(env, params, config)

@@ -84,9 +84,10 @@ def test_adding_plays_the_boards_episodes(path, monkeypatch, capsys):
 
 def test_the_player_gets_the_means_of_medjaxs_own_policies(tmp_path):
     path = tmp_path / "known.json"
-    path.write_text(json.dumps(known_of(board(row("none", NOISE), row("mine", NOISE)))))
+    rows = row("none", NOISE), row("mine", NOISE), row("pretrained_sampled", NOISE + 1)
+    path.write_text(json.dumps(known_of(board(*rows))))
     known = read_evaluation(path)
-    assert list(known["policies"]) == ["none"]
+    assert list(known["policies"]) == ["pretrained_sampled", "none"]
     assert known["policies"]["none"]["evs_depleted"] == 20.0
     low, high = known["policies"]["none"]["return_ci95"]
     assert low < known["policies"]["none"]["return_mean"] < high

@@ -16,8 +16,8 @@ from train.runs.run_directory import RunDir
 
 @pytest.fixture
 def config():
-    """The settings of `TINY`."""
-    return parse_request(PPOConfig, TINY).config
+    """The settings of `TINY`, complete as a run's are."""
+    return parse_request(PPOConfig, TINY).config.for_episodes(4)
 
 
 def until(run_dir):

@@ -192,6 +192,10 @@ def test_resume_refuses_what_does_not_fit(probe, whole, capsys):
         ),
         # And with these the weights would be another policy, or have another start.
         ("--activation=tanh", "activation tanh, which was silu until now, allowed: silu"),
+        (
+            "--rule-sharpness=1",
+            "rule_sharpness 1.0, which was 4.0 until now, allowed: 4.0",
+        ),
         ("--initial-wait=0.5", "initial_wait 0.5, which was 0.8 until now, allowed: 0.8"),
         ("--seed=3", "seed 3, which was 0 until now, allowed: 0"),
     ):
