@@ -4,7 +4,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +17,7 @@ from medjax.commandline import OneLineParser, as_path, cannot_write
 from medjax.errors import InputError, shown
 from medjax.files import check_output, write_text
 from medjax.numerics.devices import prepare_cpu
+from train.evaluation.statistics import plain
 
 T = TypeVar("T")
 
@@ -64,7 +65,7 @@ def run_command(
         except InputError as error:
             parser.error(str(error))
         if options.json:
-            text = json.dumps(results[0], indent=2) + "\n"
+            text = json.dumps(without_nan(results[0]), indent=2, allow_nan=False) + "\n"
             write(parser.prog, options.json, lambda path: write_text(path, text))
         if plot and options.plot:
             write(parser.prog, options.plot, lambda path: plot(path, results[0]))
@@ -73,6 +74,15 @@ def run_command(
     if code := run(arguments):
         commandline.leave(code)
     return results[0]
+
+
+def without_nan(report: Any) -> Any:
+    """A report with None in place of numbers that are not finite, because JSON has none of them."""
+    if isinstance(report, Mapping):
+        return {name: without_nan(value) for name, value in report.items()}
+    if isinstance(report, list | tuple):
+        return [*map(without_nan, report)]
+    return plain(report) if isinstance(report, float) else report
 
 
 def write(prog: str, path: Path, writing: Callable[[Path], None]) -> None:

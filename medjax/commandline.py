@@ -115,10 +115,15 @@ def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
 def leave(code: int) -> NoReturn:
     """Exits the process; after a signal at once, even while threads are compiling."""
     if code > 128:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+        leave_at_once(code)
     sys.exit(code)
+
+
+def leave_at_once(code: int) -> NoReturn:
+    """Exits the process without waiting for threads or other processes."""
+    for stream in filter(None, (sys.stdout, sys.stderr)):  # None: closed from the start
+        stream.flush()
+    os._exit(code)
 
 
 def fail(prog: str, message: object) -> int:

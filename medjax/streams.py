@@ -38,14 +38,24 @@ class _Unbroken:
         os.close(nowhere)
 
 
+def shows_bars() -> bool:
+    """Whether stderr is a terminal, where a progress bar can move."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
 @contextlib.contextmanager
 def unbroken_output() -> Iterator[None]:
-    """Context in which printing survives the loss of its reader; a stream closed from the start stays None."""
+    """Context in which printing survives the loss of its reader.
+
+    Output to a stream that was closed from the start, which Python shows as None, is discarded: libraries such as tqdm
+    write to both streams unasked.
+    """
     streams: tuple[Any, ...] = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (stream and _Unbroken(stream) for stream in streams)
-    try:
-        yield
-    finally:
-        for stream in filter(None, (sys.stdout, sys.stderr)):
-            stream.flush()
-        sys.stdout, sys.stderr = streams
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
+        sys.stdout, sys.stderr = (_Unbroken(stream or nowhere) for stream in streams)
+        try:
+            yield
+        finally:
+            for stream in (sys.stdout, sys.stderr):
+                stream.flush()
+            sys.stdout, sys.stderr = streams

@@ -42,6 +42,7 @@ def test_the_file_of_an_episode_is_written(tmp_path):
 
 SPEAKS = """
 import sys
+from tqdm import tqdm
 from medjax.commandline import command
 
 @command
@@ -49,6 +50,8 @@ def main(argv):
     for number in range(20_000):
         print(number)
         print(number, file=sys.stderr)
+    sys.stderr.isatty()
+    list(tqdm(range(3), disable=None))
     open("done", "w").close()
     return 3
 
@@ -63,9 +66,22 @@ def test_any_command_goes_on(tmp_path):
     assert (tmp_path / "done").exists()
 
 
-def test_a_command_without_streams_goes_on(tmp_path):
-    """A shell's `>&-` closes them; Python then has None for both."""
+def run_closed(folder, words, closed):
+    """Runs `python -m` with closed streams, of which Python makes None; returns the exit code."""
+    shell = f"{shlex.quote(sys.executable)} -m {words} {closed}"
+    return subprocess.run(shell, shell=True, cwd=folder, check=False, timeout=300).returncode
+
+
+@pytest.mark.parametrize("closed", [">&- 2>&-", "2>&- >out"])
+def test_a_command_without_streams_goes_on(tmp_path, closed):
+    """So does a progress bar, which writes unasked."""
     (tmp_path / "speaks.py").write_text(SPEAKS)
-    shell = f"{shlex.quote(sys.executable)} -m speaks >&- 2>&-"
-    assert subprocess.run(shell, shell=True, cwd=tmp_path, check=False, timeout=60).returncode == 3
+    assert run_closed(tmp_path, "speaks", closed) == 3
     assert (tmp_path / "done").exists()
+
+
+@pytest.mark.thorough
+def test_training_without_stderr_is_saved(tmp_path):
+    words = ["tests.train.probe_run", *TINY, "--run-dir", tmp_path / "run"]
+    assert run_closed(ROOT, shlex.join(map(str, words)), ">/dev/null 2>&-") == 0
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["env_steps"] == 96

@@ -229,9 +229,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         mean, (low, high) = estimate(values, seed).values()
         print(f"planner minus {name}, {how}: {mean:.2f} [{low:.2f}, {high:.2f}]")
         shown |= {f"{key}_mean": mean, f"{key}_ci95": [low, high]}
-    print(
-        f"a future with a choice and the same without differ by {gain_std:.1f} (standard deviation)"
-    )
+    if leaves:
+        apart_by = f"differ by {gain_std:.1f} (standard deviation)"
+        print(f"a future with a choice and the same without {apart_by}")
     return shown
 
 

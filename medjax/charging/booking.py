@@ -63,12 +63,11 @@ def can_serve(meds: MEDs, params: EnvParams) -> jax.Array:
 
 def unserved(energy_j: jax.Array, complies: jax.Array, sees_queues: jax.Array | None) -> EVs:
     """EVs that no MED has served, from their energy, `(E,)` J, and their drivers' traits, `(E,)` bool (see `EVs`)."""
-    not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
     return EVs(
         energy_j=energy_j,
         rest_j=jnp.zeros_like(energy_j),
-        med=not_booked,
-        charging_slot=not_booked,
+        med=jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32),
+        charging_slot=jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32),
         stops=jnp.zeros(energy_j.shape, bool),
         is_charging=jnp.zeros(energy_j.shape, bool),
         waiting_s=jnp.zeros_like(energy_j),

@@ -60,7 +60,9 @@ def expected_need(
     """EVs that will need a MED from each ramp within the window, and slots that other MEDs offer.
 
     An EV is in need if its charge does not last to its destination (`lacking_j`). Counted are unbooked EVs that can
-    catch up with the MED within the window, and expected arrivals early enough to do so, bound for the road's end.
+    catch up within the window with a MED that leaves now, and expected arrivals, bound for the road's end, that can do
+    so with a MED that leaves as they enter. These are more than can catch up with a MED that leaves now, by the ratio
+    of the EVs' speed to what it exceeds the MED's by. Rules that read the number weigh it.
     """
     road, demand, meds = params.road, params.demand, state.meds
     cruise, power_w = cruising(params)
@@ -91,7 +93,7 @@ def expected_need(
         rate = entry_rates(demand, config.num_lanes, state.time * config.decision_s)
     rate = rate * demand.ev_share * share
     distance = ahead_of(where.x)
-    # An EV that enters upstream of the ramp must do so early enough to catch up.
+    # An EV that enters upstream of the ramp still has that way to make up.
     time = jnp.where(distance >= 0.0, jnp.maximum(window_s - distance / closing_speed, 0.0), 0.0)
 
     comes = (meds.status == QUEUED) | (meds.status == MERGING)

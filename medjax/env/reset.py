@@ -67,7 +67,10 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         stands_for_s=jnp.zeros((config.num_gas,), jnp.float32) if config.num_incidents else None,
         cooldown_s=jnp.zeros((), jnp.float32),
         time=jnp.zeros((), jnp.int32),
-        stats=EpisodeStats.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
+        # Copies: who donates a state that was made outside `jit` needs a buffer of its own for each number.
+        stats=jax.tree.map(jnp.copy, EpisodeStats.zeros()).replace(
+            entered=count_kinds(active, vehicles.kind, config)
+        ),
     )
 
 

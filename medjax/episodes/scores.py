@@ -19,6 +19,7 @@ from medjax.numerics.compilation import compiled, computed
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import in_blocks, rows_that_fit
 from medjax.policies.policy import Policy
+from medjax.streams import shows_bars
 
 MAX_DECISIONS = 100_000  # limit for episodes whose parameters give no length
 
@@ -105,8 +106,8 @@ class Evaluation:
             raise InputError(
                 f"episode_decisions is {length}, allowed: at most {self._most}, as compiled"
             )
-        keys, shows_bars = self._keys(seed), sys.stderr is not None and sys.stderr.isatty()
-        blocks = _progress(keys, desc="episodes") if shows_bars else _in_lines(keys, self.batch)
+        keys = self._keys(seed)
+        blocks = _progress(keys, desc="episodes") if shows_bars() else _in_lines(keys, self.batch)
         parts = [jax.device_get(computed(self._run(weights, keys, params))) for keys in blocks]
         columns = jax.tree.map(lambda *each: np.concatenate(each, axis=1, dtype=np.float64), *parts)
         return {

@@ -188,13 +188,18 @@ class Budget(struct.PyTreeNode):
         )
 
 
+def budget_of(scenario: str) -> Budget:
+    """The numbers of `budgeted` that were tuned on a preset, else those of `paper`."""
+    return Budget(**SCENARIOS[scenario].budget)
+
+
 def tuned_budget(env: Environment) -> Budget:
-    """The numbers of `budgeted` that were tuned on an environment's preset, wrapped or not, else those of `paper`."""
+    """`budget_of` the preset of an environment, wrapped or not; of `paper` for an environment of one's own."""
     highway: Any = env
     while hasattr(highway, "env"):
         highway = highway.env
     recipe = getattr(highway, "recipe", None)  # an environment of one's own may have none
-    return Budget(**SCENARIOS[recipe.scenario].budget) if recipe else Budget()
+    return budget_of(recipe.scenario) if recipe else Budget()
 
 
 def budgeted(env: Environment, budget: Budget | None = None) -> Policy:

@@ -114,7 +114,11 @@ class EnvConfig:
         0.25, 0.02, 0.5, "s", "chosen: half the stability limit of the ballistic update"
     )
     ticks_per_round: int = number(
-        4, 1, 100, text="ticks per round; chosen: one round of entries per second", whole=True
+        4,
+        1,
+        100,
+        text="ticks per round, in which an entry admits at most one vehicle; chosen: one round per second",
+        whole=True,
     )
     rounds_per_decision: int = number(
         1, 1, 100, text="rounds of entries, bookings, trip plans and their ticks", whole=True

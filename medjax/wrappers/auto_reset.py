@@ -92,12 +92,15 @@ class BatchAutoReset:
         done = terminated | truncated
         cut_in = jnp.where(done, 0, jnp.maximum(state.cut_in - 1, 0))
         info = {**info, "final_observation": obs, "cut_short": cut_short}
+        if (
+            final_mask := info.get("action_mask")
+        ) is None:  # an environment of one's own may not report it
+            final_mask = self.action_mask(BatchState(env_state, cut_in), params)
         with jax.named_scope("auto_reset"):
             obs, env_state = self._restart(self._shared(reset_keys), done, obs, env_state, params)
         after = BatchState(env_state, cut_in)
-        if "action_mask" in info:
-            info["final_action_mask"] = info["action_mask"]
-            info["action_mask"] = self.action_mask(after, params)
+        info["final_action_mask"] = final_mask
+        info["action_mask"] = self.action_mask(after, params)
         return obs, after, reward, terminated, truncated, info
 
     def action_mask(self, state: BatchState, params: Params) -> jax.Array:

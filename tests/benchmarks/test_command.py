@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.command import add_plot, benchmark_parser, run_command
@@ -31,6 +32,16 @@ def test_results_and_picture_are_written_only_if_asked_for(tmp_path):
     run_command(parser(), lambda options: {"x": 1}, [f"--json={file}", f"--plot={picture}"], plot)
     assert json.loads(file.read_text()) == {"x": 1}
     assert drawn == [(picture, {"x": 1})]
+
+
+def test_results_are_json_that_anything_reads(tmp_path):
+    """JSON has no NaN and no infinity, wherever they are in a report; null stands for them."""
+    file, bad = tmp_path / "out.json", float("nan")
+    report = {"a": bad, "b": [1.5, (float("-inf"), "x")], "c": {"d": np.float64("inf"), "e": None}}
+    run_command(parser(), lambda options: report, [f"--json={file}"])
+    strict = {"parse_constant": pytest.fail}
+    expected = {"a": None, "b": [1.5, [None, "x"]], "c": {"d": None, "e": None}}
+    assert json.loads(file.read_text(), **strict) == expected
 
 
 def test_bad_input_found_while_measuring_is_one_line(capsys):

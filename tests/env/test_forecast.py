@@ -48,7 +48,7 @@ def test_who_wants_to_arrive_with_charge_is_in_need_sooner():
         lacking = lacks_j[near].sum() / capacity_j
         np.testing.assert_allclose(need.shortfall[ramp], lacking, rtol=1e-4, atol=1e-6)
     assert need.there.sum() > 3
-    # At its own ramp an EV is in time throughout the window; it wants half of a battery and what its way takes.
+    # Whoever enters at the ramp meets a MED that leaves just then; it wants half of a battery and what its way takes.
     wants = 0.5 + (30_000.0 - 1_800.0) * power_w / speed / capacity_j
     expected = 40.0 / 3600.0 * 0.3 * 60.0 * (wants - 0.1) / 0.6
     np.testing.assert_allclose(need.coming[0], expected, rtol=1e-4)

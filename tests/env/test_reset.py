@@ -88,3 +88,13 @@ def test_an_ev_has_paid_for_the_way_from_where_it_entered():
         shares = np.bincount(nearest[between], minlength=4) / between.sum()
         expected = flows * (places <= start) / flows[: place + 1].sum()
         np.testing.assert_allclose(shares, expected, atol=0.03)  # of 700 and more EVs
+
+
+def test_a_state_that_was_made_outside_jit_can_be_donated():
+    """Every number has a buffer of its own: XLA refuses to take one buffer twice."""
+    env, params = medjax.make("corridor")
+    _, state = env.reset(jax.random.key(0), params)
+    where = [leaf.unsafe_buffer_pointer() for leaf in jax.tree.leaves(state)]
+    assert len({*where}) == len(where) > 50
+    later = jax.jit(lambda state: state.replace(time=state.time + 1), donate_argnums=0)(state)
+    assert int(later.time) == 1

@@ -1,11 +1,16 @@
 """The Gymnasium environments refuse bad options in one line."""
 
+import functools
+
+import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium", reason='pip install -e ".[gymnasium]"')
 
+from medjax.agents import agents_of  # noqa: E402
 from medjax.errors import InputError  # noqa: E402
 from medjax.wrappers.gymnasium import ENV_ID, ChargingGymEnv, ChargingVectorEnv  # noqa: E402
+from tests.train.probe_envs import Probe, ProbeParams  # noqa: E402
 from tests.wrappers.test_gymnasium import SMALL  # noqa: E402
 
 
@@ -38,6 +43,32 @@ def test_bad_options_are_refused_in_one_line(change, message):
         with pytest.raises(InputError, match=message) as refusal:
             make(**change)
         assert "\n" not in str(refusal.value)
+
+
+def test_an_environment_of_agents_is_refused():
+    env, params = agents_of("paper")
+    for make in (ChargingGymEnv, functools.partial(ChargingVectorEnv, 1)):
+        with pytest.raises(InputError, match="env is of agents: allowed one of a dispatcher"):
+            make(env=env, params=params)
+
+
+def test_an_environment_of_ones_own_needs_no_more_than_the_contract():
+    """No bounds of its space, no mask and no terms of the reward in its info."""
+    probe, params = Probe("masked", num_actions=3), ProbeParams()
+    alone = ChargingGymEnv(env=probe, params=params)
+    obs, info = alone.reset(seed=0)
+    assert alone.observation_space.contains(obs)
+    assert info["action_mask"].tolist() == [1, 1, 0]
+    *_, ended, _, info = alone.step(1)
+    assert ended
+    assert set(info) == {"action_mask", "metrics"}
+    several = ChargingVectorEnv(4, env=probe, params=params)
+    several.reset(seed=0)
+    obs, reward, terminated, _, info = several.step(np.ones(4, int))
+    assert obs.shape == (4, 2)
+    assert terminated.all()
+    assert info["action_mask"].tolist() == 4 * [[1, 1, 0]]
+    assert set(reward) <= {0.0, 1.0}
 
 
 @pytest.mark.parametrize("number", [0, None, "3", 1.5, float("nan")])

@@ -4,7 +4,6 @@ import contextlib
 import json
 import math
 import os
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from tqdm import tqdm
 from medjax.commandline import SECONDS_PER_LINE, time_left
 from medjax.errors import InputError, shown
 from medjax.files import write_text
+from medjax.streams import shows_bars
 from train.evaluation.statistics import plain
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
@@ -185,11 +185,11 @@ class Progress:
             unit="step",
             unit_scale=True,
             dynamic_ncols=True,
-            disable=quiet or not sys.stderr.isatty(),
+            disable=quiet or not shows_bars(),
             desc=what,
             leave=what != "compiling",
         )
-        self._lines = not quiet and not sys.stderr.isatty()
+        self._lines = not quiet and not shows_bars()
         self._next_line = 0.0
         self._done = done
         self._score = ""

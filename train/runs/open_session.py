@@ -21,7 +21,7 @@ from train.option import filled
 from train.runs.arguments import Request
 from train.runs.checkpoint import Checkpoints, ShapeError, updates_done
 from train.runs.logs import read_rows
-from train.runs.policies import check_episodes
+from train.runs.policies import check_episodes, check_rule
 from train.runs.processes import is_first, join, together
 from train.runs.run_directory import RunDir, check_unused, new_run_dir
 from train.runs.session import Session
@@ -131,6 +131,7 @@ def _restored(
         given, kept = getattr(request.config, name), getattr(before, name)
         if given != kept:
             raise InputError(f"{name} {given}, which was {kept} until now, allowed: {kept}")
+    check_rule(before, request.config)
     try:
         return checkpoints.restore(shapes, request.from_update)
     except ShapeError as error:

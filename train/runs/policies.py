@@ -16,7 +16,7 @@ from medjax.numerics.memory import check_memory
 from medjax.policies.about import about_of, about_of_own
 from medjax.policies.given import as_policy, check_policy, file_of
 from medjax.policies.policy import Policy
-from medjax.policies.rules import BASELINES
+from medjax.policies.rules import BASELINES, budget_of
 from medjax.policies.saved import load_policy, save_policy
 from medjax.policies.team import rules_of
 from train.algorithms.environments import described, make_environment
@@ -56,6 +56,7 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWe
     reader = Checkpoints(run_dir)
     if reader.latest() is None:
         raise InputError(f"run {run_dir} holds no checkpoint, allowed: one that train.ppo wrote")
+    check_rule(RunDir(run_dir).load_config(), config)
     env, params = make_environment(config)
     try:
         return env, params, reader.restore_weights(weight_shapes(env, params, config))
@@ -67,6 +68,16 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWe
         what = f"run {run_dir} is of another shape than {here}"
         allowed = f"features and actions as in its training on {there}"
         raise InputError(f"{what}, allowed: {allowed} ({error})") from None
+
+
+def check_rule(before: TrainConfig, now: TrainConfig) -> None:
+    """Raises InputError if the weights of a run add to a rule whose numbers are others on the preset of `now`."""
+    by_rule = before.policy_prior == "rule" and before.observation == "profile"
+    if by_rule and budget_of(before.scenario) != budget_of(now.scenario):
+        what = f"its weights add to the rule budgeted as tuned on {before.scenario}"
+        raise InputError(
+            f"scenario is {now.scenario!r}, allowed: {before.scenario!r}, since {what}"
+        )
 
 
 def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, PolicyWeights]:

@@ -4,8 +4,6 @@ Every process runs the same program with the same settings and holds a share of 
 writes and reports. With a single process there is nothing to coordinate.
 """
 
-import os
-import sys
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -13,6 +11,7 @@ import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
+from medjax.commandline import leave_at_once
 from medjax.errors import InputError
 from train.runs.arguments import AUTO, Processes
 
@@ -38,9 +37,7 @@ def join(processes: Processes) -> None:
 def leave(code: int) -> int:
     """Ends this process at once if there are others, which notice and end as well; otherwise returns `code`."""
     if jax.process_count() > 1:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+        leave_at_once(code)
     return code
 
 

@@ -35,6 +35,7 @@ from medjax.policies.rules import BASELINES
 from medjax.scenarios import prepare
 from medjax.world.presets import SCENARIOS
 from train.evaluation.tables import START, format_rows
+from train.runs.versions import versions
 from train.settings import TrainConfig
 
 CONTROLS = ("none", "slow")
@@ -105,12 +106,18 @@ def hours_of(env: Any, params: Any) -> float:
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Plays the map, prints it, and returns the report."""
     config = settings(options)
+    if config.agents != "none":
+        raise InputError(f"--run-dir {options.run_dir} is of agents, allowed: of a dispatcher")
+    if options.keep and options.keep in (options.json, options.plot):
+        raise InputError(
+            f"--keep {options.keep} is also a file of results, allowed: one of its own"
+        )
     axes = checked_axes(options, config)
     env, params, policies = load(options, config)
     dispatchers = dispatchers_of(policies)
     about = {"scenario": config.scenario, "episodes": options.episodes, "seed": options.seed}
     about |= {"overrides": config.overrides, "policies": [*dispatchers, *CONTROLS]}
-    about["numbers"] = fingerprint(params, dispatchers)
+    about |= {"numbers": fingerprint(params, dispatchers), "versions": versions()}
     controls = {name: BASELINES[name](env) for name in CONTROLS}
     simulated = [axis for axis in axes if not axis.is_price]
     of_controls = [axis for axis in simulated if not axis.is_of_meds]

@@ -51,7 +51,7 @@ class Kept:
             allowed = "allowed a new file, or one that --keep wrote"
             raise InputError(f"--keep {path}: {allowed}") from None
         if about_held != self.about:
-            allowed = "allowed a new file, or the options with which it began"
+            allowed = "allowed a new file, or the options and the version with which it began"
             raise InputError(f"--keep {path} holds another map: {allowed}")
 
     def put(self, key: str, scores: dict[str, Scores]) -> None:

@@ -62,6 +62,10 @@ def chosen(
         if scenario is not None or overrides or params is None:
             raise InputError("env: allowed with params, and without a scenario or its options")
         check_environment(env)
+        if hasattr(env, "num_agents"):
+            raise InputError(
+                "env is of agents: allowed one of a dispatcher (make_agents is for agents)"
+            )
     elif params is not None:
         raise InputError("params without env: allowed options of medjax.make by name")
     else:
@@ -85,7 +89,8 @@ def alike(env: Environment) -> Environment:
 def spaces_of(env: Environment, params: Any) -> tuple[Box, Discrete]:
     """Gymnasium spaces of observations and actions."""
     seen = env.observation_space(params)
-    low, high = max(seen.low, -BOUND), min(seen.high, BOUND)
+    low = max(getattr(seen, "low", -BOUND), -BOUND)
+    high = min(getattr(seen, "high", BOUND), BOUND)
     return Box(low, high, seen.shape, np.float32), Discrete(env.num_actions)
 
 
@@ -160,7 +165,13 @@ def step_one(env: Environment, key: jax.Array, state: Any, action: Any, params: 
     """Plays a decision; returns (key, state, (observation, reward, terminated, truncated, info))."""
     key, now = jax.random.split(key)
     obs, state, *rest, info = env.step_env(jax.random.split(now)[0], state, action, params)
-    return key, state, (obs, *rest, {name: info[name] for name in REPORTED})
+    info = {"action_mask": env.action_mask(state, params), **info}
+    return key, state, (obs, *rest, reported(info))
+
+
+def reported(info: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries that Gymnasium's users see; an environment of one's own may have fewer."""
+    return {name: info[name] for name in REPORTED if name in info}
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -198,8 +209,7 @@ def step_all(
         keys, state, actions = rows
         later, now = split_each(keys)
         obs, state, *rest, info = batch.step(now, state, actions, params)
-        reported = {name: info[name] for name in REPORTED}
-        reported["action_mask"] = info["final_action_mask"]
-        return later, state, (obs, *rest, info["action_mask"], reported), info["final_observation"]
+        last = reported(info | {"action_mask": info["final_action_mask"]})
+        return later, state, (obs, *rest, info["action_mask"], last), info["final_observation"]
 
     return on_devices(environment_mesh(len(keys)), decide)((keys, state, actions), params)

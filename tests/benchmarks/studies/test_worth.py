@@ -16,6 +16,9 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
 from medjax.policies.rules import BASELINES, Budget, budgeted
 from tests.benchmarks.refusal import refused
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.run_directory import RunDir
+from train.runs.versions import versions
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 SMALL = [f"--set={name}={json.dumps(value)}" for name, value in TRIPS.items()]
@@ -144,6 +147,21 @@ def test_bad_maps_are_refused(argv, words, capsys):
     assert words in refused(main, argv, capsys)
 
 
+def test_a_run_of_agents_is_refused_before_anything_is_played(tmp_path, capsys):
+    run = RunDir(tmp_path / "run")
+    run.claim(PPOConfig(scenario="freight", agents="ippo").for_episodes(360)).close()
+    argv = [f"--run-dir={run.path}"]
+    assert "is of agents, allowed: of a dispatcher" in refused(main, argv, capsys)
+
+
+@pytest.mark.parametrize("option", ["--json", "--plot"])
+def test_the_file_that_is_kept_is_not_overwritten(option, tmp_path, capsys):
+    file = tmp_path / "map.png"
+    argv = [*SMALL, f"--keep={file}", f"{option}={file}"]
+    assert "is also a file of results, allowed: one of its own" in refused(main, argv, capsys)
+    assert not file.exists()
+
+
 @pytest.mark.thorough
 def test_the_command(tmp_path, capsys, monkeypatch):
     """Returns at another price are those of a world with that price, and the second run plays nothing again."""
@@ -156,6 +174,7 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     assert (tmp_path / "map.png").stat().st_size > 10_000
     every = json.loads(kept.read_text())["played"]
     assert len(every) == 2 + 1  # two powers for rules, once for those that send no MED
+    assert json.loads(kept.read_text())["about"]["versions"] == versions() == first["versions"]
     prices = {"charging_stops": -90.0}
     env, params = medjax.make(
         "corridor", **TRIPS, episode_decisions=30, slot_power_w=190e3, reward_weights=prices
@@ -171,6 +190,9 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("benchmarks.studies.worth.played.Evaluation", None)
     main(argv)
     assert json.loads(report.read_text()) == first
+    capsys.readouterr()
+    monkeypatch.setattr("benchmarks.studies.worth.command.versions", lambda: {"jax": "0.0.1"})
+    assert "holds another map" in refused(main, argv, capsys)  # another version may play otherwise
     (panel,) = panels_of(first)
     assert panel.x == Axis("slot_power_w", (20e3, 190e3))
     assert panel.gain.shape == (2, 2)

@@ -1,5 +1,7 @@
 """The weights of a run, in its own world and in others."""
 
+import dataclasses
+
 import chex
 import jax
 import numpy as np
@@ -13,7 +15,7 @@ from train.algorithms import environments
 from train.algorithms.algorithm import TrainState
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.checkpoint import Checkpoints
-from train.runs.policies import chosen, load_weights, make_world, weight_shapes
+from train.runs.policies import check_rule, chosen, load_weights, make_world, weight_shapes
 from train.runs.run_directory import RunDir
 from train.runs.trained_run import to_play
 
@@ -54,6 +56,18 @@ def test_a_world_of_another_shape_is_named_as_it_was_asked_for(run):
         with pytest.raises(InputError, match=words) as refusal:
             load_weights(run.path, to_play(run.load_config(), scenario, changes))
         assert "\n" not in str(refusal.value)
+
+
+def test_weights_that_add_to_a_rule_are_not_added_to_that_of_another_preset(run):
+    """`freight` has numbers of its own for the rule; a policy that did not start from it may go there."""
+    run, _ = run
+    like_paper = {"num_exits": 0, "num_plugs": 0, "num_depots": 0, "num_surges": 0}
+    elsewhere = to_play(run.load_config(), "freight", like_paper)
+    with pytest.raises(InputError, match="scenario is 'freight', allowed: 'paper', since its weig"):
+        load_weights(run.path, elsewhere)
+    for free in ({"policy_prior": "wait"}, {"observation": "flat", "network": "mlp"}):
+        before = dataclasses.replace(run.load_config(), **free)
+        check_rule(before, dataclasses.replace(before, scenario="freight"))
 
 
 def test_a_damaged_checkpoint_is_named_in_any_world(run):
