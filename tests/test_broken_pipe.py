@@ -74,10 +74,12 @@ def run_closed(folder, words, closed):
 
 @pytest.mark.parametrize("closed", [">&- 2>&-", "2>&- >out"])
 def test_a_command_without_streams_goes_on(tmp_path, closed):
-    """So does a progress bar, which writes unasked."""
+    """So does a progress bar, which writes unasked; what goes to a closed stream is in no other."""
     (tmp_path / "speaks.py").write_text(SPEAKS)
     assert run_closed(tmp_path, "speaks", closed) == 3
     assert (tmp_path / "done").exists()
+    if (out := tmp_path / "out").exists():
+        assert [*map(int, out.read_text().split())] == [*range(20_000)]
 
 
 @pytest.mark.thorough

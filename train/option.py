@@ -147,8 +147,9 @@ def of_a_run(values: Any) -> Any:
         idle.add("observation")
     if known.get("network") != "sets":
         idle.add("encoder")
-    # Otherwise one's own environment may start from the rule, whatever observation the settings name.
     sharpness, waits = known.get("rule_sharpness"), known.get("policy_prior") == "wait"
+    # A run that does not wait keeps its sharpness: one's own environment may start from the rule, whatever observation
+    # the settings name.
     if sharpness is None or (waits and sharpness not in (SOFT_RULE, SHARP_RULE)):
         idle.add("rule_sharpness")
     kept = {name: value for name, value in values.items() if name not in idle}

@@ -165,8 +165,8 @@ def is_docked(
 ) -> jax.Array:
     """Whether each EV is docked, bool.
 
-    An EV docks within `dock_tolerance_m` and `dock_speed_tolerance`. It stays docked within the wider
-    `hold_tolerance_m`.
+    An EV docks within `dock_tolerance_m` and `dock_speed_tolerance`. It stays docked within the
+    larger of `dock_tolerance_m` and `hold_tolerance_m`.
     """
     arrives = jnp.abs(error_m) <= params.dock_tolerance_m
     arrives &= jnp.abs(relative_speed) <= params.dock_speed_tolerance

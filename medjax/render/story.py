@@ -21,7 +21,7 @@ from medjax.policies.rules import BASELINES
 LEARNED = {
     "ppo": "Learned by trial and error in simulation (PPO).",
     PRETRAINED: "Comes with medjax, learned by trial and error in simulation (PPO).",
-    PRETRAINED_SAMPLED: "Comes with medjax, learned in simulation (PPO); draws each action at random.",
+    PRETRAINED_SAMPLED: "Comes with medjax, learned in simulation (PPO); draws each action by its probability.",
 }
 BEFORE_S = 3.0  # the player opens this long before the first charge
 KNOWN = Path(__file__).parent / "known"  # evaluations of presets, by name

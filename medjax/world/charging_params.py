@@ -150,7 +150,7 @@ class ChargingParams(struct.PyTreeNode):
         0.001,
         10,
         "m",
-        "charging stops beyond this distance and `dock_tolerance_m`; chosen: the coils' null is at 0.58 m",
+        "charging stops beyond the larger of this and `dock_tolerance_m`; chosen: the coils' null is at 0.58 m",
     )
     depleted_blocks: jax.Array | int = number(
         0,

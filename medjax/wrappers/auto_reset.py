@@ -80,8 +80,8 @@ class BatchAutoReset:
 
         Returns:
             obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. In addition to the
-            environment's info: `final_observation` (before any reset) and `cut_short` (see `stagger`). An
-            `action_mask` is that of the returned state, and `final_action_mask` that before any reset.
+            environment's info: `final_observation` and `final_action_mask` (before any reset), `action_mask` (of the
+            returned state) and `cut_short` (see `stagger`).
         """
         step_keys, reset_keys = split_each(keys)
         step = jax.vmap(self.env.step_env, (0, 0, 0, None))
@@ -92,14 +92,12 @@ class BatchAutoReset:
         done = terminated | truncated
         cut_in = jnp.where(done, 0, jnp.maximum(state.cut_in - 1, 0))
         info = {**info, "final_observation": obs, "cut_short": cut_short}
-        if (
-            final_mask := info.get("action_mask")
-        ) is None:  # an environment of one's own may not report it
-            final_mask = self.action_mask(BatchState(env_state, cut_in), params)
+        if "action_mask" not in info:  # an environment of one's own need not report it
+            info["action_mask"] = jax.vmap(self.env.action_mask, (0, None))(env_state, params)
+        info["final_action_mask"] = info["action_mask"]
         with jax.named_scope("auto_reset"):
             obs, env_state = self._restart(self._shared(reset_keys), done, obs, env_state, params)
         after = BatchState(env_state, cut_in)
-        info["final_action_mask"] = final_mask
         info["action_mask"] = self.action_mask(after, params)
         return obs, after, reward, terminated, truncated, info
 

@@ -52,23 +52,40 @@ def test_an_environment_of_agents_is_refused():
             make(env=env, params=params)
 
 
-def test_an_environment_of_ones_own_needs_no_more_than_the_contract():
-    """No bounds of its space, no mask and no terms of the reward in its info."""
-    probe, params = Probe("masked", num_actions=3), ProbeParams()
+class Clocked(Probe):
+    """A probe whose last action is allowed at the start only, with a space like Gymnasium's own."""
+
+    def action_mask(self, state, params):
+        return super().action_mask(state, params).at[-1].set(state.time == 0)
+
+    def observation_space(self, params):
+        return gymnasium.spaces.Box(np.array([-1.0, 0.0]), np.array([1.0, np.inf]), (2,))
+
+
+@pytest.mark.parametrize("bounded", [False, True])
+def test_an_environment_of_ones_own_needs_no_more_than_the_contract(bounded):
+    """No mask and no terms of the reward in its info, and no bounds of its space, or bounds by element."""
+    probe, params = (Clocked if bounded else Probe)("follow", num_actions=2), ProbeParams()
     alone = ChargingGymEnv(env=probe, params=params)
+    space = alone.observation_space
+    bounds = [[-1.0, 0.0], [1.0, 1e6]] if bounded else [[-1e6, -1e6], [1e6, 1e6]]
+    np.testing.assert_array_equal([space.low, space.high], bounds)
     obs, info = alone.reset(seed=0)
-    assert alone.observation_space.contains(obs)
-    assert info["action_mask"].tolist() == [1, 1, 0]
+    assert space.contains(obs)
+    assert info["action_mask"].tolist() == [1, 1]
     *_, ended, _, info = alone.step(1)
     assert ended
     assert set(info) == {"action_mask", "metrics"}
+    assert info["action_mask"].tolist() == [1, not bounded]
     several = ChargingVectorEnv(4, env=probe, params=params)
     several.reset(seed=0)
     obs, reward, terminated, _, info = several.step(np.ones(4, int))
     assert obs.shape == (4, 2)
     assert terminated.all()
-    assert info["action_mask"].tolist() == 4 * [[1, 1, 0]]
     assert set(reward) <= {0.0, 1.0}
+    # The next episode has begun, and the last one is over.
+    assert info["action_mask"].tolist() == 4 * [[1, 1]]
+    assert info["final_info"]["action_mask"].tolist() == 4 * [[1, not bounded]]
 
 
 @pytest.mark.parametrize("number", [0, None, "3", 1.5, float("nan")])

@@ -45,10 +45,10 @@ def open_session(request: Request) -> Session:
     new = request.run_dir if is_first() else None
     together(lambda: check_unused(new) if new is not None else None)
     env, params = request.given or make_environment(config)
-    if (
-        request.resume is not None
-    ):  # a longer run's default may be another rule than its weights add to
+    if request.resume is not None:
         before = RunDir(request.resume, request.given is not None).load_config(type(config))
+        check_rule(before, env, config)
+        # The weights add to the rule of the resumed run. A longer run's default may be softer.
         config = filled(config, rule_sharpness=before.rule_sharpness)
     config = config.for_episodes(episode_decisions(params))
     request = dataclasses.replace(request, config=config)
@@ -131,7 +131,6 @@ def _restored(
         given, kept = getattr(request.config, name), getattr(before, name)
         if given != kept:
             raise InputError(f"{name} {given}, which was {kept} until now, allowed: {kept}")
-    check_rule(before, request.config)
     try:
         return checkpoints.restore(shapes, request.from_update)
     except ShapeError as error:

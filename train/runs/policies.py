@@ -16,11 +16,13 @@ from medjax.numerics.memory import check_memory
 from medjax.policies.about import about_of, about_of_own
 from medjax.policies.given import as_policy, check_policy, file_of
 from medjax.policies.policy import Policy
-from medjax.policies.rules import BASELINES, budget_of
+from medjax.policies.rules import BASELINES, budget_of, tuned_budget
 from medjax.policies.saved import load_policy, save_policy
 from medjax.policies.team import rules_of
+from medjax.world.presets import SCENARIOS
 from train.algorithms.environments import described, make_environment
 from train.algorithms.networks import PolicyWeights, apply_policy
+from train.algorithms.policy_prior import starts_from_rule
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
 from train.evaluation.tables import SAMPLED, START
@@ -56,8 +58,8 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWe
     reader = Checkpoints(run_dir)
     if reader.latest() is None:
         raise InputError(f"run {run_dir} holds no checkpoint, allowed: one that train.ppo wrote")
-    check_rule(RunDir(run_dir).load_config(), config)
     env, params = make_environment(config)
+    check_rule(RunDir(run_dir).load_config(), env, config)
     try:
         return env, params, reader.restore_weights(weight_shapes(env, params, config))
     except ShapeError as error:
@@ -70,13 +72,20 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWe
         raise InputError(f"{what}, allowed: {allowed} ({error})") from None
 
 
-def check_rule(before: TrainConfig, now: TrainConfig) -> None:
-    """Raises InputError if the weights of a run add to a rule whose numbers are others on the preset of `now`."""
-    by_rule = before.policy_prior == "rule" and before.observation == "profile"
-    if by_rule and budget_of(before.scenario) != budget_of(now.scenario):
-        what = f"its weights add to the rule budgeted as tuned on {before.scenario}"
+def check_rule(before: TrainConfig, env: Any, config: TrainConfig) -> None:
+    """Raises InputError if the weights of a run add to a rule that has other numbers in this environment.
+
+    Args:
+        before: settings of the run.
+        env: a single environment to play or to go on in.
+        config: settings that name it.
+    """
+    if before.scenario not in SCENARIOS or not starts_from_rule(env, config):
+        return
+    if budget_of(before.scenario) != tuned_budget(env):
+        what = f"the run's weights add to the rule budgeted as tuned on {before.scenario}"
         raise InputError(
-            f"scenario is {now.scenario!r}, allowed: {before.scenario!r}, since {what}"
+            f"scenario is {config.scenario!r}: {what}, allowed: a preset with the same numbers"
         )
 
 

@@ -3,7 +3,8 @@
 A map of break-even: at every point, a combination of numbers of the world and of prices, dispatchers play the same
 episodes as `none` and `slow`, which send no MED. The gain is that of the best dispatcher on the better of these two,
 in EUR an hour. Who is best is chosen on the other half of the episodes. Prices only weigh what happened, so they cost
-no simulation. `--keep FILE` keeps what was played: the same command goes on from there.
+no simulation. `--keep FILE` keeps what was played: the same command of the same version goes on from there. Changes
+that are not committed are not told apart.
 """
 
 import argparse
@@ -108,7 +109,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     config = settings(options)
     if config.agents != "none":
         raise InputError(f"--run-dir {options.run_dir} is of agents, allowed: of a dispatcher")
-    if options.keep and options.keep in (options.json, options.plot):
+    results = [path.resolve() for path in (options.json, options.plot) if path]
+    if options.keep and options.keep.resolve() in results:
         raise InputError(
             f"--keep {options.keep} is also a file of results, allowed: one of its own"
         )

@@ -15,9 +15,9 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
     """One highway.
 
     `info["action_mask"]` `(num_actions,)` bool marks the actions allowed next; `action_masks()` returns the same for
-    sb3-contrib. After a step, info also has "metrics" of the episode so far and "reward_terms", floats by name
-    (`ChargingEnv.step_env`). A masked action counts as 0. `gymnasium.make(..., render_mode="human")` opens a window
-    (`gymnasium.wrappers.HumanRendering`).
+    sb3-contrib. After a step, info also has "metrics" of the episode so far and, if the environment reports them,
+    "reward_terms", floats by name (`ChargingEnv.step_env`). A masked action counts as 0.
+    `gymnasium.make(..., render_mode="human")` opens a window (`gymnasium.wrappers.HumanRendering`).
 
     Args:
       scenario: a name in `medjax.SCENARIOS`; None means "paper".

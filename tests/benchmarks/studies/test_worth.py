@@ -155,9 +155,10 @@ def test_a_run_of_agents_is_refused_before_anything_is_played(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("option", ["--json", "--plot"])
-def test_the_file_that_is_kept_is_not_overwritten(option, tmp_path, capsys):
-    file = tmp_path / "map.png"
-    argv = [*SMALL, f"--keep={file}", f"{option}={file}"]
+@pytest.mark.parametrize("other", ["map.png", "../{}/map.png"])
+def test_the_file_that_is_kept_is_not_overwritten(option, other, tmp_path, capsys):
+    file, same = tmp_path / "map.png", tmp_path / other.format(tmp_path.name)
+    argv = [*SMALL, f"--keep={file}", f"{option}={same}"]
     assert "is also a file of results, allowed: one of its own" in refused(main, argv, capsys)
     assert not file.exists()
 

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+from medjax.env.reward import TERMS
 from medjax.errors import InputError
 from medjax.policies.pretrained import FILES
 from medjax.scenarios import prepare
@@ -58,16 +59,25 @@ def test_a_world_of_another_shape_is_named_as_it_was_asked_for(run):
         assert "\n" not in str(refusal.value)
 
 
-def test_weights_that_add_to_a_rule_are_not_added_to_that_of_another_preset(run):
-    """`freight` has numbers of its own for the rule; a policy that did not start from it may go there."""
-    run, _ = run
-    like_paper = {"num_exits": 0, "num_plugs": 0, "num_depots": 0, "num_surges": 0}
-    elsewhere = to_play(run.load_config(), "freight", like_paper)
-    with pytest.raises(InputError, match="scenario is 'freight', allowed: 'paper', since its weig"):
-        load_weights(run.path, elsewhere)
-    for free in ({"policy_prior": "wait"}, {"observation": "flat", "network": "mlp"}):
-        before = dataclasses.replace(run.load_config(), **free)
-        check_rule(before, dataclasses.replace(before, scenario="freight"))
+def test_weights_that_add_to_a_rule_are_not_added_to_that_of_another_preset():
+    """`freight` has numbers of its own for the rule, with whatever reward; all other presets share theirs."""
+    config = PPOConfig(scenario="freight").for_episodes(360)
+    freight, corridor, paper = (prepare(name)[0] for name in ("freight", "corridor", "paper"))
+    check_rule(config, freight, config)
+    check_rule(config, prepare("freight", reward={"mine": TERMS["soc"]})[0], config)
+    for env in (corridor, paper):
+        elsewhere = dataclasses.replace(config, scenario=env.name)
+        with pytest.raises(
+            InputError, match=f"'{env.name}': the run's weights add to the rule .* fr"
+        ):
+            check_rule(config, env, elsewhere)
+        # A policy that did not start from the rule may go anywhere, and so may one of one's own environment.
+        check_rule(config, env, dataclasses.replace(elsewhere, policy_prior="wait"))
+        check_rule(dataclasses.replace(config, scenario="freight-own"), env, elsewhere)
+    of_paper = dataclasses.replace(config, scenario="paper")
+    check_rule(of_paper, corridor, dataclasses.replace(config, scenario="corridor"))
+    with pytest.raises(InputError, match=r"'freight': the run's weights add to .* tuned on paper"):
+        check_rule(of_paper, freight, config)
 
 
 def test_a_damaged_checkpoint_is_named_in_any_world(run):
