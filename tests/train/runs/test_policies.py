@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+import medjax
 from medjax.env.reward import TERMS
 from medjax.errors import InputError
 from medjax.policies.pretrained import FILES
@@ -62,9 +63,10 @@ def test_a_world_of_another_shape_is_named_as_it_was_asked_for(run):
 def test_weights_that_add_to_a_rule_are_not_added_to_that_of_another_preset():
     """`freight` has numbers of its own for the rule, with whatever reward; all other presets share theirs."""
     config = PPOConfig(scenario="freight").for_episodes(360)
-    freight, corridor, paper = (prepare(name)[0] for name in ("freight", "corridor", "paper"))
+    make = lambda name, **own: medjax.make(name, observation="profile", **own)[0]  # noqa: E731
+    freight, corridor, paper = map(make, ("freight", "corridor", "paper"))
     check_rule(config, freight, config)
-    check_rule(config, prepare("freight", reward={"mine": TERMS["soc"]})[0], config)
+    check_rule(config, make("freight", reward={"mine": TERMS["soc"]}), config)
     for env in (corridor, paper):
         elsewhere = dataclasses.replace(config, scenario=env.name)
         with pytest.raises(
