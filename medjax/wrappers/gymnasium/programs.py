@@ -89,7 +89,7 @@ def alike(env: Environment) -> Environment:
 def spaces_of(env: Environment, params: Any) -> tuple[Box, Discrete]:
     """Gymnasium spaces of observations and actions."""
     seen = env.observation_space(params)
-    bounds = getattr(seen, "low", -BOUND), getattr(seen, "high", BOUND)
+    bounds = np.float32(getattr(seen, "low", -BOUND)), np.float32(getattr(seen, "high", BOUND))
     low, high = (np.broadcast_to(np.clip(bound, -BOUND, BOUND), seen.shape) for bound in bounds)
     return Box(low, high, seen.shape, np.float32), Discrete(env.num_actions)
 
