@@ -53,6 +53,14 @@ def settings(options: argparse.Namespace) -> TrainConfig:
     return to_play(config, options.scenario, changes)
 
 
+def dispatcher_settings(options: argparse.Namespace) -> TrainConfig:
+    """`settings`; InputError as there, or if the run is of agents."""
+    config = settings(options)
+    if config.agents != "none":
+        raise InputError(f"--run-dir {options.run_dir} is of agents, allowed: of a dispatcher")
+    return config
+
+
 def load(
     options: argparse.Namespace, config: TrainConfig, stochastic: bool = False
 ) -> tuple[Any, Any, dict[str, Policy]]:

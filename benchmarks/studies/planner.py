@@ -25,7 +25,7 @@ from jax import lax
 from tqdm import tqdm
 
 from benchmarks.command import add_number, episodes_parser, run_command, whole_number
-from benchmarks.studies.base import add_run_dir, estimate, load, settings
+from benchmarks.studies.base import add_run_dir, dispatcher_settings, estimate, load
 from medjax.env.contract import Environment
 from medjax.episodes.keys import RESET, episode_keys
 from medjax.episodes.runner import EpisodeRunner, Episodes, episode_steps
@@ -200,9 +200,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """
     if options.run_dir and options.base:
         raise InputError(f"--base is {options.base} with --run-dir, allowed: one of the two")
-    config, seed = settings(options), options.seed
-    if config.agents != "none":
-        raise InputError(f"--run-dir {options.run_dir} is of agents, allowed: of a dispatcher")
+    config, seed = dispatcher_settings(options), options.seed
     env, params, policies = load(options, config)
     name = config.algorithm if options.run_dir else options.base or "budgeted"
     played = play(env, params, policies[name], options)
@@ -230,8 +228,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         print(f"planner minus {name}, {how}: {mean:.2f} [{low:.2f}, {high:.2f}]")
         shown |= {f"{key}_mean": mean, f"{key}_ci95": [low, high]}
     if leaves:
-        apart_by = f"differ by {gain_std:.1f} (standard deviation)"
-        print(f"a future with a choice and the same without {apart_by}")
+        print(
+            "a future with a choice and the same without differ by "
+            f"{gain_std:.1f} (standard deviation)"
+        )
     return shown
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from tqdm import tqdm
 
 from benchmarks.command import add_plot, episodes_parser, output_file, run_command
-from benchmarks.studies.base import add_run_dir, load, settings
+from benchmarks.studies.base import add_run_dir, dispatcher_settings, load
 from benchmarks.studies.worth.axes import (
     PRICE,
     Axis,
@@ -106,9 +106,7 @@ def hours_of(env: Any, params: Any) -> float:
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Plays the map, prints it, and returns the report."""
-    config = settings(options)
-    if config.agents != "none":
-        raise InputError(f"--run-dir {options.run_dir} is of agents, allowed: of a dispatcher")
+    config = dispatcher_settings(options)
     results = [path.resolve() for path in (options.json, options.plot) if path]
     if options.keep and options.keep.resolve() in results:
         raise InputError(
