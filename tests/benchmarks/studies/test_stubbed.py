@@ -193,7 +193,7 @@ def test_planner(monkeypatch, capsys):
     )
     asked = []
     config = SimpleNamespace(agents="none", scenario="paper", algorithm="ppo")
-    monkeypatch.setattr(planner, "settings", lambda options: config)
+    monkeypatch.setattr(planner, "dispatcher_settings", lambda options: config)
     policies = {"budgeted": "B", "paced": "P"}
     monkeypatch.setattr(planner, "load", lambda options, config: (None, None, policies))
     monkeypatch.setattr(planner, "play", lambda *given: asked.append(given[2]) or played)
