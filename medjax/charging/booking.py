@@ -99,6 +99,7 @@ class Offers(NamedTuple):
 
     x: jax.Array  # m
     speed: jax.Array  # m/s
+    service_speed: jax.Array  # m/s
     lane: jax.Array  # int32
     length: jax.Array  # m
     free: jax.Array  # bool: the MED can serve and accepts EVs; the slot is on the road and free
@@ -110,6 +111,7 @@ class Requests(NamedTuple):
     """What EVs request, `(E,)` each."""
 
     x: jax.Array  # m
+    desired_speed: jax.Array  # m/s
     lane: jax.Array  # int32
     length: jax.Array  # m
     wants: jax.Array  # bool, requests a charging slot now
@@ -133,11 +135,13 @@ def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParam
     slot = charging_slot_x(charging_slot, med, length, params.dock_gap_m)
     wanted = charging_slot_lane(charging_slot, med.lane)
     goal = plan_approach(x, lane, length, charging_slot, med, params).goal_x
-    # An EV closes up at the approach speed. It falls back at most as fast, and without stopping.
-    back = jnp.maximum((1.0 - params.slowest_share) * med.speed, 1.0)
-    back = jnp.minimum(back, params.approach_speed)
+    # An EV closes up at its desired speed and falls back at the slowest pace that docking gives it, either way at most
+    # at the approach speed. Who is no faster, or cannot be slower, than the MED does not get there.
+    faster = requests.desired_speed - offer.speed
+    slower = offer.speed - params.slowest_share * offer.service_speed
+    close, back = (jnp.clip(by, 1e-3, params.approach_speed)[:, None] for by in (faster, slower))
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
-    seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
+    seconds = up / close + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
     # An EV cannot pass the MED in the MED's lane. Nor can it pass, in a side slot's lane, the EV that has booked that
     # slot. It would get stuck behind the other vehicle, or slow that vehicle down when it falls back.
     blocked = (lane == med.lane) & jnp.where(
@@ -215,6 +219,7 @@ def requests_and_offers(
     offers = Offers(
         x=vehicles.x[med_slots],
         speed=vehicles.speed[med_slots],
+        service_speed=meds.service_speed,
         lane=med_lane,
         length=length[med_slots],
         free=(can_serve(meds, params) & meds.accepts)[:, None] & open_slots,
@@ -228,6 +233,7 @@ def requests_and_offers(
     wants &= evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     requests = Requests(
         x=vehicles.x[ev_slots],
+        desired_speed=vehicles.desired_speed[ev_slots],
         lane=lane,
         length=length[ev_slots],
         wants=wants,

@@ -17,7 +17,7 @@ from medjax.traffic.demand import (
     fill_road,
     shares_on_road,
 )
-from medjax.traffic.exits import draw_destinations, draw_origins, last_exit
+from medjax.traffic.exits import draw_destinations_on_road, draw_origins, last_exit
 from medjax.traffic.road import clip_lateral_aim
 from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
@@ -32,7 +32,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     """
     demand, slots, shape = params.demand, config.traffic_slots, (config.num_evs,)
     road_key, soc_key, driver_key, arrivals_key = jax.random.split(key, 4)
-    vehicles = _filled(road_key, config, params)
+    vehicles, origin = _filled(road_key, config, params)
     low, high = demand.arrival_soc_low, demand.arrival_soc_high
     arrival = jax.random.uniform(soc_key, shape, jnp.float32, minval=low, maxval=high)
     luck = jax.random.uniform(driver_key, shape, jnp.float32)
@@ -43,8 +43,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         sees = luck < params.charging.queue_seen_share
     speed, power_w = cruising(params)
     x = vehicles.x[config.ev_slots]
-    drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), shape, jnp.float32)
-    distance = x - draw_origins(drawn, x, demand, params.road)
+    distance = x - origin
     energy = arrival * params.ev_capacity_j - distance * (power_w / speed)
     stayed = energy > 0.0
     if config.num_exits:
@@ -103,8 +102,8 @@ def _left_before(
     return lacks & (passed > x - distance_m)
 
 
-def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
-    """Vehicles of a road that carries traffic but no MED."""
+def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> tuple[Vehicles, jax.Array]:
+    """Vehicles of a road that carries traffic but no MED, and where its EVs entered, `(E,)` m."""
     speed_key, kind_key, fill_key, way_key, noise_key = jax.random.split(key, 5)
     drivers, slots = params.drivers, config.traffic_slots
 
@@ -114,12 +113,21 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
     kind = _beside_meds(kind, config, MED)
     desired = desired_speeds(jax.random.normal(speed_key, kind.shape, jnp.float32), kind, drivers)
     fill = fill_road(fill_key, is_ev, desired[slots], config.num_lanes, params)
-    way_draw = jax.random.uniform(way_key, fill.x.shape, jnp.float32)
-    destination = draw_destinations(way_draw, fill.x, params.demand, params.road)
+    way_draw = jax.random.uniform(way_key, (2, *fill.x.shape), jnp.float32)
+    origin = draw_origins(way_draw[0], fill.x, params.demand, params.road)
+    destination = draw_destinations_on_road(
+        way_draw[1],
+        fill.x,
+        origin,
+        fill.lane == config.num_lanes - 1,
+        params.demand,
+        config,
+        params.road,
+    )
     noise = jax.random.normal(noise_key, (2, config.num_vehicles), jnp.float32)
     wander = noise[1] * drivers.lateral_wander[kind]
     width = drivers.vehicle_width[kind]
-    return Vehicles(
+    vehicles = Vehicles(
         x=_beside_meds(fill.x, config),
         speed=_beside_meds(fill.speed, config),
         lane=_beside_meds(fill.lane, config),
@@ -137,6 +145,7 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
         destination=_beside_meds(destination, config),
         road_order=jnp.arange(config.num_vehicles, dtype=jnp.int32),
     )
+    return vehicles, _beside_meds(origin, config)[config.ev_slots]
 
 
 def _beside_meds(values: jax.Array, config: EnvConfig, of_meds: int = 0) -> jax.Array:

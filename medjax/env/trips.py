@@ -27,7 +27,8 @@ def lacks_charge(
 ) -> jax.Array:
     """EVs that would reach their destination, or the charger after an exit if nearer, with less than `stop_soc`.
 
-    EVs drive at cruising speed. Each exit has a charger; beyond the last one, the next is one mean exit spacing away.
+    EVs drive at cruising speed. Each exit has a charger. The next one after the last exit is a mean exit spacing
+    away, or at the road's end if that is farther.
 
     Args:
       energy_j, x, destination: of EVs, (E,) J, m, m.
@@ -38,7 +39,9 @@ def lacks_charge(
     """
     road = params.road
     beyond = next_exit(passed, road)
-    beyond = jnp.where(beyond < road.length_m, beyond, passed + road.length_m / config.num_exits)
+    spacing = road.length_m / config.num_exits
+    outside = jnp.maximum(passed + spacing, road.length_m)
+    beyond = jnp.where(beyond < road.length_m, beyond, outside)
     # An EV bound for the end of the road drives on beyond it.
     goal = jnp.where(destination < road.length_m, jnp.minimum(destination, beyond), beyond)
     speed, power_w = cruising(params)

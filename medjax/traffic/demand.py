@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.traffic.exits import mean_distance
+from medjax.traffic.exits import flows_past, mean_distance
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import (
     DemandParams,
@@ -168,7 +168,8 @@ def fill_road(
     """Fills the lanes to match the demand, in closed form and without collisions.
 
     A Poisson number of vehicles goes to a grid of places, lane by lane, each moved forward by up to half the
-    spacing. One shuffle of the slots mixes EVs and gas vehicles.
+    spacing. The grid begins anywhere, and is as dense as the flow past each place. One shuffle of the slots mixes EVs
+    and gas vehicles.
 
     Args:
       key: random key.
@@ -178,27 +179,66 @@ def fill_road(
     Returns:
       Initial traffic of the C slots.
     """
-    count_key, share_key, shuffle_key, jitter_key = jax.random.split(key, 4)
-    evs, gas = _drawn_counts((count_key, share_key), is_ev, num_lanes, params)
+    count_key, share_key, shuffle_key, jitter_key, begin_key = jax.random.split(key, 5)
+    sections = _sections(params.demand, params.road)
+    evs, gas = _drawn_counts((count_key, share_key), is_ev, num_lanes, sections, params)
     evs_so_far, gas_so_far = (jnp.cumsum(each, dtype=jnp.int32) for each in (is_ev, ~is_ev))
     class_rank = jnp.where(is_ev, evs_so_far, gas_so_far) - 1
     active = class_rank < jnp.where(is_ev, evs, gas)
 
     position = _shuffled_places(shuffle_key, active)
     per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)
-    spacing = params.road.length_m / per_lane
+    spacing = sections.evenness * params.road.length_m / per_lane  # where the road is densest
     row = position // num_lanes
     jitter = jax.random.uniform(jitter_key, is_ev.shape, jnp.float32, maxval=0.5)
+    upstream = (row + jitter) / per_lane + jax.random.uniform(begin_key, (), jnp.float32)
+    upstream -= jnp.floor(upstream)  # share of all vehicles
     return InitialTraffic(
-        x=(row + jitter) * spacing,
+        x=_place(upstream, sections),
         lane=(position % num_lanes).astype(jnp.int32),
         speed=jnp.minimum(desired_speed, _safe_initial_speed(spacing, desired_speed, params)),
         active=active,
     )
 
 
+class Sections(NamedTuple):
+    """Sections of the road between two ramps or exits, in which the flow is the same all along; `(K,)` but for one."""
+
+    length: jax.Array  # m
+    before: jax.Array  # vehicles upstream of it, in steady flow, as a share of all
+    vehicles: jax.Array  # vehicles in it, as a share of all
+    evenness: jax.Array  # () the mean density over the highest one, at most 1
+
+
+def _sections(demand: DemandParams, road: RoadParams) -> Sections:
+    """How a steady flow at the rates of the episode's start spreads over the road, as every kind does at its speed."""
+    around = jnp.zeros((1,), jnp.float32), jnp.reshape(jnp.float32(road.length_m), (1,))
+    ends = jnp.sort(jnp.concatenate([around[0], road.ramp_x_m, road.exit_x_m, around[1]]))
+    length = jnp.diff(ends)
+    flow = sum(flows_past(ends[:-1] + 0.5 * length, demand, road)[1])
+    vehicles = flow * length
+    total = jnp.maximum(jnp.sum(vehicles), 1e-6)  # a road without demand stays empty
+    most = jnp.maximum(jnp.max(jnp.where(length > 0.0, flow, 0.0)), 1e-6)
+    share = vehicles / total
+    return Sections(length, jnp.cumsum(share) - share, share, total / (most * road.length_m))
+
+
+def _place(share: jax.Array, sections: Sections) -> jax.Array:
+    """Where this share of all vehicles is upstream, m, in 0 to 1 of any shape."""
+    x = jnp.zeros_like(share)
+    for length, before, vehicles in zip(*sections[:3], strict=True):
+        # Reciprocals of what environments share, see `_safe_initial_speed`.
+        passed = (share - before) * (1.0 / jnp.maximum(vehicles, 1e-9))
+        x += length * jnp.clip(passed, 0.0, 1.0)
+    return x
+
+
 def _drawn_counts(
-    keys: tuple[jax.Array, jax.Array], is_ev: jax.Array, num_lanes: int, params: EnvParams
+    keys: tuple[jax.Array, jax.Array],
+    is_ev: jax.Array,
+    num_lanes: int,
+    sections: Sections,
+    params: EnvParams,
 ) -> tuple[jax.Array, jax.Array]:
     """Numbers of EVs and gas vehicles on the road, () each, limited by slots and by room on the road."""
     demand, road, drivers = params.demand, params.road, params.drivers
@@ -219,7 +259,8 @@ def _drawn_counts(
     kinds = jnp.array(kinds_in(EVS, FUELLED))
     rooms = (drivers.vehicle_length + drivers.min_gap)[kinds]
     room = jnp.max(jnp.where(jnp.stack(shares)[kinds] > 0.0, rooms, 0.0))
-    total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(road.length_m / (2.5 * room)))
+    densest_m = sections.evenness * road.length_m
+    total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(densest_m / (2.5 * room)))
     spread = jnp.sqrt(total * ev_share * (1.0 - ev_share))
     evs = jnp.round(total * ev_share + spread * jax.random.normal(keys[1], (), jnp.float32))
     evs = jnp.clip(evs, 0, jnp.minimum(total, num_ev_slots))
@@ -229,7 +270,7 @@ def _drawn_counts(
 def _safe_initial_speed(
     spacing: jax.Array, desired_speed: jax.Array, params: EnvParams
 ) -> jax.Array:
-    """Highest safe initial speed on a road filled at this spacing, m, () m/s.
+    """Highest safe initial speed on a road filled at this smallest spacing, m, () m/s.
 
     In the smallest possible gap it keeps the time headway, and can slow down to the slowest vehicle's speed at four
     fifths of max_braking.

@@ -6,6 +6,8 @@ the exit. What it does afterwards is not simulated. A road without exits (`EnvCo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 
@@ -46,10 +48,44 @@ def draw_destinations(
     Args:
       uniform: in [0, 1), one draw per vehicle; x: m, same shape.
     """
+    exits = range(road.exit_x_m.shape[0])
+    return _drawn(uniform, [_share_leaving_at(index, x, demand, road) for index in exits], road)
+
+
+def draw_destinations_on_road(
+    uniform: jax.Array,
+    x: jax.Array,
+    origin: jax.Array,
+    is_rightmost: jax.Array,
+    demand: DemandParams,
+    config: EnvConfig,
+    road: RoadParams,
+) -> jax.Array:
+    """Destinations of vehicles that a reset puts on the road, m.
+
+    Those bound for an exit nearer than `exit_notice_m` are in the rightmost lane already, as their own preparation
+    would have brought them there. So the share of all lanes that leaves there is drawn in that lane alone.
+
+    Args:
+      uniform: in [0, 1), one draw per vehicle.
+      x, origin: where it is and where it entered, m; is_rightmost: bool, whether it is in the rightmost lane.
+    """
+    leaving = []
+    for index in range(road.exit_x_m.shape[0]):
+        to_exit = road.exit_x_m[index] - x
+        share = _share_leaving_at(index, origin, demand, road)
+        in_lane = jnp.where(is_rightmost, jnp.minimum(config.num_lanes * share, 1.0), 0.0)
+        share = jnp.where(to_exit < road.exit_notice_m, in_lane, share)
+        leaving.append(jnp.where(to_exit > road.exit_lane_m, share, 0.0))
+    return _drawn(uniform, leaving, road)
+
+
+def _drawn(uniform: jax.Array, leaving: Sequence[jax.Array], road: RoadParams) -> jax.Array:
+    """Destinations, m, from draws in [0, 1) and the shares that leave at each exit when they reach it."""
     destination = jnp.full_like(uniform, road.length_m)
     stays = jnp.ones_like(uniform)  # share still on the road
-    for index in range(road.exit_x_m.shape[0]):
-        goes_on = stays * (1.0 - _share_leaving_at(index, x, demand, road))
+    for index, share in enumerate(leaving):
+        goes_on = stays * (1.0 - share)
         leaves = (uniform >= goes_on) & (uniform < stays)
         destination = jnp.where(leaves, road.exit_x_m[index], destination)
         stays = goes_on
@@ -66,6 +102,22 @@ def mean_distance(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.A
     return distance
 
 
+def flows_past(
+    x: jax.Array, demand: DemandParams, road: RoadParams
+) -> tuple[list[jax.Array], list[jax.Array]]:
+    """Where the main line and the ramps enter, m, and how many from each pass these positions, vehicles/h, at reset."""
+    mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
+    entry_x = [jnp.zeros((), jnp.float32), *road.ramp_x_m]
+    left = []
+    for own_x, flow in zip(entry_x, [mainline, *ramps], strict=True):
+        comes = jnp.where(own_x <= x, flow, 0.0)
+        for index in range(road.exit_x_m.shape[0]):
+            stays = 1.0 - _share_leaving_at(index, own_x, demand, road)
+            comes = jnp.where(x > road.exit_x_m[index], comes * stays, comes)
+        left.append(comes)
+    return entry_x, left
+
+
 def draw_origins(
     uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
 ) -> jax.Array:
@@ -76,15 +128,7 @@ def draw_origins(
     Args:
       uniform: in [0, 1), one draw per vehicle; x: m, same shape.
     """
-    mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
-    entry_x = [jnp.zeros((), jnp.float32), *road.ramp_x_m]
-    left = []  # vehicles per hour from each entry that pass x
-    for own_x, flow in zip(entry_x, [mainline, *ramps], strict=True):
-        comes = jnp.where(own_x <= x, flow, 0.0)
-        for index in range(road.exit_x_m.shape[0]):
-            stays = 1.0 - _share_leaving_at(index, own_x, demand, road)
-            comes = jnp.where(x > road.exit_x_m[index], comes * stays, comes)
-        left.append(comes)
+    entry_x, left = flows_past(x, demand, road)
     draw, below, entry = uniform * sum(left), left[0], jnp.zeros_like(x)
     for own_x, comes in zip(entry_x[1:], left[1:], strict=True):
         entry = jnp.where((draw >= below) & (own_x <= x), own_x, entry)

@@ -117,15 +117,17 @@ def _courtesy(
     start, since car following would brake late and then too hard.
     """
     closing_speed = jnp.maximum(own.speed - leader.speed, 0.0)
-    room = gap_between(own, leader) - 0.5 * own.min_gap
+    gap = gap_between(own, leader)
+    room = gap - 0.5 * own.min_gap
     # Of two equally fast vehicles side by side, the one behind falls back. A standing vehicle can do no more.
     drives = own.speed > CRAWL_M_PER_S
     even = closing_speed < 1.0
     needed = jnp.square(closing_speed) / (2.0 * jnp.maximum(room, 0.1))
-    in_comfort = (room > 0.0) & (room < params.view_m) & (needed <= params.courtesy_braking)
+    in_comfort = (room > 0.0) & (needed <= params.courtesy_braking)
+    concerned &= drives & (gap < params.view_m) & (even | in_comfort)
     wanted = jnp.minimum(own_after, jnp.where(yields, -needed, jnp.inf))
     bounded = jnp.maximum(wanted, -params.courtesy_braking)
-    return jnp.where(concerned & drives & (even | in_comfort), bounded, jnp.inf)
+    return jnp.where(concerned, bounded, jnp.inf)
 
 
 class TargetGaps(NamedTuple):
@@ -172,6 +174,7 @@ def _assess_gaps(
     open_to = has_leader & ~(has_old_leader & (old_leader.rear < leader.rear))
     # Or it stands: then the first vehicle that can stop for it lets it in, even if others still pass in between.
     open_to |= has_leader & (leader.speed < CRAWL_M_PER_S)
+    open_to &= gap_between(own, leader) < params.view_m
     urgency = jnp.maximum(wanted, jnp.where(open_to, -leader_desire, 0.0))
     own = own._replace(time_headway=_accepted_headway(own_usual, urgency, params))
     follower = follower._replace(time_headway=_accepted_headway(new_usual, wanted, params))

@@ -8,24 +8,28 @@ import medjax
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
-ROADS, MINUTES = 32, 7
-# 8 km take half of a pack at 30 m/s; who enters with little makes it to the first exit.
+ROADS, MINUTES = 128, 7
+# 8 km take half of a pack at 30 m/s; who enters with little makes it to the first exit, even the fastest.
 WORLD = {"length_m": 8000.0, "exit_x_m": [2000.0, 4000.0, 6000.0], "ramp_x_m": [2400.0, 4400.0]}
 WORLD |= {"num_lanes": 2, "service_lane": 1, "num_meds": 1, "num_evs": 110, "num_gas": 110}
 WORLD |= {"mainline_per_h": 1500.0, "ramp_per_h": 300.0, "ev_share": 0.5, "exit_share": 0.1}
-WORLD |= {"arrival_soc_low": 0.15, "arrival_soc_high": 0.9, "battery_scale": 10.0}
+WORLD |= {"arrival_soc_low": 0.17, "arrival_soc_high": 0.9, "battery_scale": 10.0}
 WORLD |= {"size": 0, "rounds_per_decision": 10}
 
 
 @pytest.fixture(scope="module")
 def flow():
-    """EVs on the road, those below 10 %, and charging stops and depletions so far: `(roads, minutes + 1)` each."""
+    """EVs on the road, those below 10 %, charging stops, depletions, and vehicles that have left at an exit or at the
+    end so far: `(roads, minutes + 1)` each.
+    """
     env, params = medjax.make("paper", **WORLD)
 
     def look(state):
         there = state.vehicles.active[env.config.ev_slots] & ~state.evs.is_depleted
         low = there & (state.evs.energy_j < 0.1 * params.ev_capacity_j)
-        return there.sum(), low.sum(), state.stats.charging_stops, state.stats.depleted
+        stats = state.stats
+        left = stats.left.sum()
+        return there.sum(), low.sum(), stats.charging_stops, stats.depleted, left
 
     @jax.jit
     @jax.vmap
@@ -58,10 +62,20 @@ def test_reset_has_as_many_evs_and_low_evs_as_the_flow(flow):
 @pytest.mark.thorough
 def test_no_wave_of_stops_follows_a_reset(flow):
     """As many EVs a minute leave for a charger at first as later, and none ever runs out."""
-    _, _, stops, depleted = (values.mean(axis=0) for values in flow)
+    _, _, stops, depleted, _ = (values.mean(axis=0) for values in flow)
     a_minute = np.diff(stops)
     assert a_minute[:3].mean() == pytest.approx(a_minute[4:].mean(), rel=0.15)
     assert depleted[-1] == 0.0
+
+
+@pytest.mark.thorough
+def test_as_many_leave_a_minute_after_a_reset_as_later(flow):
+    """By exits and at the road's end: the road is neither too full upstream nor short of vehicles bound for exits."""
+    a_minute = np.diff(flow[4].mean(axis=0))
+    later = a_minute[4:].mean()
+    assert a_minute[:4] == pytest.approx(
+        np.full(4, later), rel=0.04
+    )  # nearly three standard errors
 
 
 def test_an_ev_has_paid_for_the_way_from_where_it_entered():

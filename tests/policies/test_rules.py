@@ -144,6 +144,7 @@ def test_greedy_sends_where_most_evs_need_it(episodes, paper):
         x = state.vehicles.x[e, d, 15:55]
         low = state.evs.energy_j[e, d] < 0.4 * capacity
         needy = state.vehicles.active[e, d, 15:55] & low & (state.evs.med[e, d] < 0)
+        needy &= ~state.evs.is_depleted[e, d]
         counts = [
             sum(n and r - 400 <= p <= r + 100 for p, n in zip(x, needy, strict=True)) for r in RAMPS
         ]

@@ -60,12 +60,12 @@ def test_within_comfort_or_not_at_all(gap, speed, ahead, urgency, yields):
     got = courtesy(gap, speed, ahead, **{"comes" if yields else "must": urgency})
     closing, room = max(speed - ahead, 0.0), gap - 0.5 * CAR["min_gap"]
     margin = closing**2 - 2 * COMFORT * room
-    if min(abs(margin), abs(closing - 1.0), abs(room - SIGHT)) < 0.01:
+    if min(abs(margin), abs(closing - 1.0), abs(gap - SIGHT)) < 0.01:
         return
     if abs(urgency - COURTEOUS) < 1e-6:
         return
     asked = urgency > COURTEOUS and speed > CRAWL
-    if not (asked and (closing < 1.0 or (0.0 < room < SIGHT and margin < 0.0))):
+    if not (asked and gap < SIGHT and (closing < 1.0 or (room > 0.0 and margin < 0.0))):
         assert got == np.inf
         return
     headway = CAR["time_headway"] + (SHORTEST - CAR["time_headway"]) * urgency

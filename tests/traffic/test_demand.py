@@ -1,5 +1,7 @@
 """Demand: arrivals against SciPy, slots for entering vehicles, and a road filled as asked."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -126,9 +128,10 @@ def bumper_gaps(filled, length):
 
 
 @pytest.mark.parametrize("per_h", [500.0, 2800.0, 20_000.0])
-def test_filled_road_has_no_overlap(fill, asked, per_h):
+@pytest.mark.parametrize("ramp_per_h", [300.0, 3000.0])  # nearly even, and far denser at the end
+def test_filled_road_has_no_overlap(fill, asked, per_h, ramp_per_h):
     """Every headway is safe at the speed driven, from a sparse to a full road."""
-    filled, kind = fill(800, 40, mainline_per_h=per_h)
+    filled, kind = fill(800, 40, mainline_per_h=per_h, ramp_per_h=np.full(4, ramp_per_h))
     gap, speed = bumper_gaps(filled, np.asarray(asked[1].drivers.vehicle_length)[kind])
     assert (gap >= 2.0 + 1.5 * speed - 1e-2).all()
     assert filled.x[filled.active].min() >= 0
@@ -166,8 +169,12 @@ def test_filled_road_matches_the_demand(fill, asked):
     # Lanes and places do not depend on the class.
     lanes = np.bincount(filled.lane[filled.active], minlength=NUM_LANES)
     np.testing.assert_allclose(lanes / lanes.sum(), 0.25, rtol=0.0, atol=0.01)
-    ev_x = filled.x[filled.active & (kind == 1)]
-    assert ev_x.mean() == pytest.approx(2000.0, abs=4 * 4000 / np.sqrt(12 * ev_x.size) + 35.0)
+    ev_x, entry = (
+        filled.x[filled.active & (kind == 1)],
+        np.array([0.0, 100.0, 1200.0, 2100.0, 3200.0]),
+    )
+    middle = np.average(0.5 * (entry + 4000.0), weights=flow * (4000.0 - entry))
+    assert ev_x.mean() == pytest.approx(middle, abs=4 * 4000 / np.sqrt(12 * ev_x.size))
 
 
 def test_lorries_are_a_share_of_fuelled_vehicles():
@@ -203,3 +210,29 @@ def test_the_filled_road_holds_more_slow_vehicles():
     kinds = np.asarray(state.vehicles.kind)[np.asarray(state.vehicles.active)]
     counts = np.bincount(kinds, minlength=5)[1:]
     np.testing.assert_allclose(counts / 256, expected, rtol=0.06)
+
+
+def test_a_filled_road_is_as_dense_as_the_flow_past_each_place(fill):
+    """Between two ramps vehicles are uniform, as many as flow times way over 30 m/s, by four standard errors."""
+    roads, flow = 1500, {"mainline_per_h": 1200.0, "ramp_per_h": [900.0, 0.0, 600.0, 300.0]}
+    filled, _ = fill(400, roads, **flow)
+    ends = np.array([0.0, 100.0, 1200.0, 2100.0, 3200.0, 4000.0])
+    passing = np.array([1200.0, 2100.0, 2100.0, 2700.0, 3000.0]) / 3600.0
+    x = filled.x[filled.active]
+    counts, _ = np.histogram(x, ends)
+    expected = passing * np.diff(ends) / 30.0
+    error = np.sqrt(expected / roads)
+    assert (np.abs(counts / roads - expected) < 4.0 * error).all()
+    for start, end in itertools.pairwise(ends):
+        within = (x[(x > start) & (x < end)] - start) / (end - start)
+        assert within.mean() == pytest.approx(0.5, abs=4.0 / (12.0 * within.size) ** 0.5)
+
+
+def test_a_road_is_empty_where_nobody_passes(fill):
+    """Without a main line up to the first ramp that has traffic; without demand everywhere."""
+    filled, _ = fill(400, 50, mainline_per_h=0.0, ramp_per_h=[0.0, 0.0, 900.0, 0.0])
+    assert filled.active.any(axis=1).all()
+    assert filled.x[filled.active].min() >= 2100.0
+    assert filled.x[filled.active].max() <= 4000.0
+    nobody, _ = fill(400, 5, mainline_per_h=0.0, ramp_per_h=np.zeros(4))
+    assert not nobody.active.any()

@@ -8,6 +8,7 @@ import pytest
 import medjax
 from medjax.traffic.exits import (
     draw_destinations,
+    draw_destinations_on_road,
     draw_origins,
     exit_desire,
     is_preparing_exit,
@@ -68,6 +69,32 @@ def test_entries_are_shares_of_passing_vehicles(road):
         drawn = draw_origins(jnp.asarray(uniform), jnp.full(100_000, x), params.demand, params.road)
         shares = [(np.asarray(drawn) == place).mean() for place in (0.0, *ramps)]
         np.testing.assert_allclose(shares, np.array(flows) / sum(flows), atol=2e-5)
+
+
+def test_destinations_of_who_is_on_the_road_at_reset(road):
+    """As many as of those that enter leave at each exit, of all lanes; just before an exit all in the rightmost one."""
+    env, params = road
+    size, lanes, near = 100_000, env.config.num_lanes, float(params.road.exit_notice_m)
+    uniform = jnp.asarray((np.arange(size) + 0.5) / size, jnp.float32)
+
+    def shares(x, origin, rightmost):
+        on_road = jnp.full(size, x), jnp.full(size, origin), jnp.full(size, rightmost)
+        drawn = draw_destinations_on_road(uniform, *on_road, params.demand, env.config, params.road)
+        return [(np.asarray(drawn) == place).mean() for place in EXITS]
+
+    far = 2900.0 - near - 1.0
+    for rightmost in (False, True):
+        np.testing.assert_allclose(shares(1500.0, 0.0, rightmost), (0.0, 0.2), atol=2e-5)
+        np.testing.assert_allclose(shares(far, 1200.0, rightmost), (0.0, 0.2), atol=2e-5)
+    before = 1000.0 - float(params.road.exit_lane_m) - 1.0
+    assert 1000.0 - before < near
+    every = [shares(before, 0.0, lane == lanes - 1) for lane in range(lanes)]
+    assert [first for first, _ in every[:-1]] == [0.0] * (lanes - 1)
+    first = min(0.3 * lanes, 1.0)
+    np.testing.assert_allclose(every[-1], (first, 0.2 * (1.0 - first)), atol=2e-5)
+    # Who entered within the notice of the exit passes it, and so does who is beside its exit lane.
+    np.testing.assert_allclose(shares(before, 500.0, True), (0.0, 0.2), atol=2e-5)
+    np.testing.assert_allclose(shares(before + 2.0, 0.0, True), (0.0, 0.2), atol=2e-5)
 
 
 def test_desire_grows_as_in_lmrs(road):

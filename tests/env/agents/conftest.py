@@ -61,7 +61,7 @@ def trips():
 @pytest.fixture(scope="package")
 def busy(trips):
     """Its state after a minute in which MEDs enter as often as they may and serve as the rule does."""
-    _, state = trips.reset(2)
+    _, state = trips.reset(3)
     for number in range(15):
         mask = np.asarray(trips.mask(state, trips.params))
         enter = mask[:, 1 + number % 2]
