@@ -33,7 +33,7 @@ from medjax.commandline import as_path
 from medjax.errors import InputError
 from medjax.files import replacing, write_text
 
-SEED, ENVS = 7, 4
+SEED, ENVS = 10, 4
 PROFILE = {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0}
 ODD = {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
 # By name: preset, decisions, overrides. Together they exercise everything that a decision can do.
@@ -86,7 +86,7 @@ SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "quiet": ("paper", 80, {**QUIET, **BUSY}),
     "trips": ("corridor", 30, TRIPS),
     "plugs": ("corridor", 12, TRIPS | {"num_plugs": 1}),
-    "incident": ("paper", 30, {"num_gas": 80, "num_evs": 20, **INCIDENT}),
+    "incident": ("paper", 30, {"num_gas": 70, "num_evs": 20, **INCIDENT}),
     "surges": ("corridor", 12, TRIPS | SURGES),
 }
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.numerics.sums import block_fma
 from medjax.traffic.exits import flows_past, mean_distance
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import (
@@ -191,7 +192,8 @@ def fill_road(
     spacing = sections.evenness * params.road.length_m / per_lane  # where the road is densest
     row = position // num_lanes
     jitter = jax.random.uniform(jitter_key, is_ev.shape, jnp.float32, maxval=0.5)
-    upstream = (row + jitter) / per_lane + jax.random.uniform(begin_key, (), jnp.float32)
+    upstream = block_fma((row + jitter) * (1.0 / per_lane))
+    upstream += jax.random.uniform(begin_key, (), jnp.float32)
     upstream -= jnp.floor(upstream)  # share of all vehicles
     return InitialTraffic(
         x=_place(upstream, sections),
@@ -229,7 +231,7 @@ def _place(share: jax.Array, sections: Sections) -> jax.Array:
     for length, before, vehicles in zip(*sections[:3], strict=True):
         # Reciprocals of what environments share, see `_safe_initial_speed`.
         passed = (share - before) * (1.0 / jnp.maximum(vehicles, 1e-9))
-        x += length * jnp.clip(passed, 0.0, 1.0)
+        x += block_fma(length * jnp.clip(passed, 0.0, 1.0))
     return x
 
 
