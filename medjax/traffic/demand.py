@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 
 from medjax.numerics.sums import block_fma
-from medjax.traffic.exits import flows_past, mean_distance
+from medjax.traffic.exits import mean_distance
+from medjax.traffic.sections import Sections, place, sections_of
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import (
     DemandParams,
@@ -181,7 +182,7 @@ def fill_road(
       Initial traffic of the C slots.
     """
     count_key, share_key, shuffle_key, jitter_key, begin_key = jax.random.split(key, 5)
-    sections = _sections(params.demand, params.road)
+    sections = sections_of(params.demand, params.road)
     evs, gas = _drawn_counts((count_key, share_key), is_ev, num_lanes, sections, params)
     evs_so_far, gas_so_far = (jnp.cumsum(each, dtype=jnp.int32) for each in (is_ev, ~is_ev))
     class_rank = jnp.where(is_ev, evs_so_far, gas_so_far) - 1
@@ -196,43 +197,11 @@ def fill_road(
     upstream += jax.random.uniform(begin_key, (), jnp.float32)
     upstream -= jnp.floor(upstream)  # share of all vehicles
     return InitialTraffic(
-        x=_place(upstream, sections),
+        x=place(upstream, sections),
         lane=(position % num_lanes).astype(jnp.int32),
         speed=jnp.minimum(desired_speed, _safe_initial_speed(spacing, desired_speed, params)),
         active=active,
     )
-
-
-class Sections(NamedTuple):
-    """Sections of the road between two ramps or exits, in which the flow is the same all along; `(K,)` but for one."""
-
-    length: jax.Array  # m
-    before: jax.Array  # vehicles upstream of it, in steady flow, as a share of all
-    vehicles: jax.Array  # vehicles in it, as a share of all
-    evenness: jax.Array  # () the mean density over the highest one, at most 1
-
-
-def _sections(demand: DemandParams, road: RoadParams) -> Sections:
-    """How a steady flow at the rates of the episode's start spreads over the road, as every kind does at its speed."""
-    around = jnp.zeros((1,), jnp.float32), jnp.reshape(jnp.float32(road.length_m), (1,))
-    ends = jnp.sort(jnp.concatenate([around[0], road.ramp_x_m, road.exit_x_m, around[1]]))
-    length = jnp.diff(ends)
-    flow = sum(flows_past(ends[:-1] + 0.5 * length, demand, road)[1])
-    vehicles = flow * length
-    total = jnp.maximum(jnp.sum(vehicles), 1e-6)  # a road without demand stays empty
-    most = jnp.maximum(jnp.max(jnp.where(length > 0.0, flow, 0.0)), 1e-6)
-    share = vehicles / total
-    return Sections(length, jnp.cumsum(share) - share, share, total / (most * road.length_m))
-
-
-def _place(share: jax.Array, sections: Sections) -> jax.Array:
-    """Where this share of all vehicles is upstream, m, in 0 to 1 of any shape."""
-    x = jnp.zeros_like(share)
-    for length, before, vehicles in zip(*sections[:3], strict=True):
-        # Reciprocals of what environments share, see `_safe_initial_speed`.
-        passed = (share - before) * (1.0 / jnp.maximum(vehicles, 1e-9))
-        x += block_fma(length * jnp.clip(passed, 0.0, 1.0))
-    return x
 
 
 def _drawn_counts(
