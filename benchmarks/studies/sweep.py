@@ -27,7 +27,6 @@ from medjax.errors import InputError, shown
 from medjax.numerics.compilation import enable_compilation_cache
 from medjax.policies.policy import Policy
 from medjax.policies.team import rules_of
-from train.algorithms.algorithm import learner_keys
 from train.algorithms.environments import check_environment, make_environment
 from train.algorithms.networks import PolicyWeights
 from train.algorithms.policy_prior import starts_from_rule
@@ -110,7 +109,8 @@ def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> 
     """
     config = config.for_episodes(episode_decisions(params))  # before its numbers are traced
     build, seeds = algorithm_of(config).build_learner, config.num_seeds
-    keys = learner_keys(jax.random.key(config.seed), seeds)
+    keys = jax.random.key(config.seed)
+    keys = jax.random.split(keys, seeds) if seeds > 1 else keys[None]
     # Learners in a row: all seeds of the first numbers, then all of the second.
     numbers = {
         name: jnp.repeat(jnp.asarray([row[name] for row in rows], jnp.float32), seeds)

@@ -12,9 +12,13 @@ import jax.numpy as jnp
 
 from medjax.charging.docking import (
     Partner,
+    approach_time,
     charging_slot_lane,
     charging_slot_x,
+    gentle_rate,
+    gentle_time,
     plan_approach,
+    room_ahead,
     slots_on_road,
 )
 from medjax.charging.energy import cruising
@@ -100,6 +104,7 @@ class Offers(NamedTuple):
     x: jax.Array  # m
     speed: jax.Array  # m/s
     service_speed: jax.Array  # m/s
+    gentle_rate: jax.Array  # 1/s, see `medjax.charging.docking.gentle_rate`
     lane: jax.Array  # int32
     length: jax.Array  # m
     free: jax.Array  # bool: the MED can serve and accepts EVs; the slot is on the road and free
@@ -134,14 +139,22 @@ def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParam
     x, lane, length = (field[:, None] for field in (requests.x, requests.lane, requests.length))
     slot = charging_slot_x(charging_slot, med, length, params.dock_gap_m)
     wanted = charging_slot_lane(charging_slot, med.lane)
-    goal = plan_approach(x, lane, length, charging_slot, med, params).goal_x
+    plan = plan_approach(x, lane, length, charging_slot, med, params)
+    goal = plan.goal_x
     # An EV closes up at its desired speed and falls back at the slowest pace that docking gives it, either way at most
     # at the approach speed. Who is no faster, or cannot be slower, than the MED does not get there.
     faster = requests.desired_speed - offer.speed
     slower = offer.speed - params.slowest_share * offer.service_speed
-    close, back = (jnp.clip(by, 1e-3, params.approach_speed)[:, None] for by in (faster, slower))
+    close, back = (jnp.clip(by, 0.0, params.approach_speed)[:, None] for by in (faster, slower))
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
-    seconds = up / close + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
+    closes = up > 0.0  # at last; whoever crosses the MED's lane falls back before
+    seconds = jnp.where(closes, down / jnp.maximum(back, 1e-3), 0.0)
+    seconds += approach_time(jnp.where(closes, up, down), jnp.where(closes, close, back), params)
+    room = room_ahead(slot, length, med, params)
+    gently = gentle_time(down, room, offer.gentle_rate[:, None], params)
+    leads = plan.leads & (charging_slot == FRONT)
+    seconds = jnp.where(leads, jnp.maximum(seconds, gently), seconds)
+    seconds += LANE_CHANGE_S * jnp.abs(wanted - lane)
     # An EV cannot pass the MED in the MED's lane. Nor can it pass, in a side slot's lane, the EV that has booked that
     # slot. It would get stuck behind the other vehicle, or slow that vehicle down when it falls back.
     blocked = (lane == med.lane) & jnp.where(
@@ -220,6 +233,7 @@ def requests_and_offers(
         x=vehicles.x[med_slots],
         speed=vehicles.speed[med_slots],
         service_speed=meds.service_speed,
+        gentle_rate=gentle_rate(vehicles.speed[med_slots], params.drivers),
         lane=med_lane,
         length=length[med_slots],
         free=(can_serve(meds, params) & meds.accepts)[:, None] & open_slots,

@@ -14,7 +14,15 @@ from medjax.traffic.following import Drivers, Platooning
 from medjax.traffic.intents import ORDERED_DESIRE, Orders
 from medjax.traffic.neighbours import NOBODY
 from medjax.world.kinds import MED
-from medjax.world.params import CHARGING_SLOTS, FRONT, REAR, ChargingParams, EnvConfig, EnvParams
+from medjax.world.params import (
+    CHARGING_SLOTS,
+    FRONT,
+    REAR,
+    ChargingParams,
+    DriverParams,
+    EnvConfig,
+    EnvParams,
+)
 from medjax.world.state import NOT_BOOKED, EnvState, EVs, Vehicles
 
 # Lanes of the charging slots relative to the MED's lane: left, right, rear, front.
@@ -136,6 +144,65 @@ def approach_pace(
     return jnp.maximum(med_speed + closing_speed, slowest)
 
 
+def room_ahead(
+    x: jax.Array, ev_length: jax.Array, med: Partner, params: ChargingParams
+) -> jax.Array:
+    """How far an EV ahead of a MED in its lane may fall back before the MED has to brake for it, m."""
+    return x - ev_length - med.x - params.platoon_min_gap - med.speed * params.platoon_headway
+
+
+def gentle_rate(med_speed: jax.Array, drivers: DriverParams) -> jax.Array:
+    """Share of `room_ahead` by which such an EV falls back in a second, 1/s.
+
+    It is that of the closing speed that solves IDM's s* = gap, times three quarters, because an EV takes a second to
+    reach its target speed.
+    """
+    comfort = jnp.sqrt(drivers.max_acceleration[MED] * drivers.comfortable_deceleration[MED])
+    return 1.5 * comfort / jnp.maximum(med_speed, 1.0)
+
+
+def approach_time(way_m: jax.Array, fastest: jax.Array, params: ChargingParams) -> jax.Array:
+    """Time in which an EV comes within `dock_tolerance_m` of its slot, s.
+
+    It drives at its highest speed until its pace falls with the way that is left. From there on the error decays as the
+    slower solution of the equation in `docking_acceleration`.
+
+    Args:
+      way_m: m, at least 0.
+      fastest: m/s, highest speed relative to the MED; same shape.
+    """
+    tolerance = params.dock_tolerance_m
+    slows_at = jnp.maximum(fastest / params.approach_rate, tolerance)
+    steady = jnp.maximum(way_m - slows_at, 0.0) / jnp.maximum(fastest, 1e-3)
+    return steady + _settling_time(jnp.minimum(way_m, slows_at), params)
+
+
+def gentle_time(
+    way_m: jax.Array, room_m: jax.Array, rate: jax.Array, params: ChargingParams
+) -> jax.Array:
+    """Time in which an EV ahead of a MED in its lane falls back to the front slot, s, by `gentle_rate` alone.
+
+    Args:
+      way_m: m, to the slot, at least 0.
+      room_m: `room_ahead` in the slot, m; where there is none, the EV never gets there.
+      rate: 1/s, `gentle_rate`; all of one shape.
+    """
+    # From here on the pace falls faster with the way than with the room.
+    settles_at = room_m * rate / jnp.maximum(params.approach_rate - rate, 1e-3)
+    gently = (
+        jnp.log(jnp.maximum((way_m + room_m) / jnp.maximum(settles_at + room_m, 1e-3), 1.0)) / rate
+    )
+    seconds = gently + _settling_time(jnp.minimum(way_m, settles_at), params)
+    return jnp.where(room_m > 0.0, seconds, jnp.inf)
+
+
+def _settling_time(error_m: jax.Array, params: ChargingParams) -> jax.Array:
+    """Time in which an error decays to `dock_tolerance_m`, s."""
+    damping = jnp.maximum(1.0 - 4.0 * params.approach_rate / params.speed_rate, 0.0)
+    decay = 0.5 * params.speed_rate * (1.0 - jnp.sqrt(damping))
+    return jnp.log(jnp.maximum(error_m / params.dock_tolerance_m, 1.0)) / decay
+
+
 def docking_acceleration(
     speed: jax.Array, pace: jax.Array, comfortable_deceleration: jax.Array, params: ChargingParams
 ) -> jax.Array:
@@ -188,12 +255,9 @@ def _pace(
     An EV ahead of its MED in the MED's lane falls back slowly enough that the MED can keep its speed. Unless the EV has
     the front slot, it drives at least at the MED's service speed until it has left that lane.
     """
-    charging, drivers = params.charging, params.drivers
-    comfort = jnp.sqrt(drivers.max_acceleration[MED] * drivers.comfortable_deceleration[MED])
-    spare = x - ev_length - med.x - charging.platoon_min_gap - med.speed * charging.platoon_headway
-    # The closing speed that solves IDM's s* = gap, times three quarters, because an EV takes a second to reach its
-    # target speed.
-    gently = 1.5 * comfort * jnp.maximum(spare, 0.0) / jnp.maximum(med.speed, 1.0)
+    charging = params.charging
+    spare = jnp.maximum(room_ahead(x, ev_length, med, charging), 0.0)
+    gently = gentle_rate(med.speed, params.drivers) * spare
     most_back = jnp.where(plan.leads, gently, charging.approach_speed)
     share = jnp.where(plan.leads & (charging_slot != FRONT), 1.0, charging.slowest_share)
     slowest = share * service_speed

@@ -112,18 +112,11 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> tuple[Vehic
     kind = drawn_kinds(jax.random.uniform(kind_key, is_ev.shape, jnp.float32), is_ev, shares)
     kind = _beside_meds(kind, config, MED)
     desired = desired_speeds(jax.random.normal(speed_key, kind.shape, jnp.float32), kind, drivers)
-    fill = fill_road(fill_key, is_ev, desired[slots], config.num_lanes, params)
+    fill = fill_road(fill_key, kind[slots], desired[slots], config.num_lanes, params)
     way_draw = jax.random.uniform(way_key, (2, *fill.x.shape), jnp.float32)
     origin = draw_origins(way_draw[0], fill.x, params.demand, params.road)
-    destination = draw_destinations_on_road(
-        way_draw[1],
-        fill.x,
-        origin,
-        fill.lane == config.num_lanes - 1,
-        params.demand,
-        config,
-        params.road,
-    )
+    to_go = config.num_lanes - 1 - fill.lane
+    destination = draw_destinations_on_road(way_draw[1], fill.x, origin, to_go, config, params)
     noise = jax.random.normal(noise_key, (2, config.num_vehicles), jnp.float32)
     wander = noise[1] * drivers.lateral_wander[kind]
     width = drivers.vehicle_width[kind]

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from medjax.numerics.sums import block_fma
 from medjax.traffic.exits import mean_distance
+from medjax.traffic.following import FREE_GAP_M
 from medjax.traffic.sections import Sections, place, sections_of
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import (
@@ -165,7 +166,7 @@ def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> 
 
 
 def fill_road(
-    key: jax.Array, is_ev: jax.Array, desired_speed: jax.Array, num_lanes: int, params: EnvParams
+    key: jax.Array, kind: jax.Array, desired_speed: jax.Array, num_lanes: int, params: EnvParams
 ) -> InitialTraffic:
     """Fills the lanes to match the demand, in closed form and without collisions.
 
@@ -175,7 +176,7 @@ def fill_road(
 
     Args:
       key: random key.
-      is_ev: (C,) bool, class of each slot (EVs and gas vehicles).
+      kind: (C,) int32, of each slot, an EV's or a gas vehicle's.
       desired_speed: (C,) m/s.
 
     Returns:
@@ -183,25 +184,29 @@ def fill_road(
     """
     count_key, share_key, shuffle_key, jitter_key, begin_key = jax.random.split(key, 5)
     sections = sections_of(params.demand, params.road)
+    is_ev = jnp.isin(kind, jnp.array(kinds_in(EVS)))
     evs, gas = _drawn_counts((count_key, share_key), is_ev, num_lanes, sections, params)
     evs_so_far, gas_so_far = (jnp.cumsum(each, dtype=jnp.int32) for each in (is_ev, ~is_ev))
     class_rank = jnp.where(is_ev, evs_so_far, gas_so_far) - 1
     active = class_rank < jnp.where(is_ev, evs, gas)
 
-    position = _shuffled_places(shuffle_key, active)
+    order = _shuffled_slots(shuffle_key, active)
+    ranks = jnp.arange(kind.shape[0], dtype=jnp.int32)
+    position = jnp.zeros_like(ranks).at[order].set(ranks, unique_indices=True)
     per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)
-    spacing = sections.evenness * params.road.length_m / per_lane  # where the road is densest
     row = position // num_lanes
-    jitter = jax.random.uniform(jitter_key, is_ev.shape, jnp.float32, maxval=0.5)
+    jitter = jax.random.uniform(jitter_key, kind.shape, jnp.float32, maxval=0.5)
     upstream = block_fma((row + jitter) * (1.0 / per_lane))
     upstream += jax.random.uniform(begin_key, (), jnp.float32)
     upstream -= jnp.floor(upstream)  # share of all vehicles
-    return InitialTraffic(
-        x=place(upstream, sections),
-        lane=(position % num_lanes).astype(jnp.int32),
-        speed=jnp.minimum(desired_speed, _safe_initial_speed(spacing, desired_speed, params)),
-        active=active,
+    x = place(upstream, sections)
+    # The next place of the lane; after the last one comes the first, unless it lies behind.
+    following = jnp.where(
+        position + num_lanes < evs + gas, position + num_lanes, position % num_lanes
     )
+    speed = _initial_speeds(x, order[following], kind, desired_speed, active, params)
+    lane = (position % num_lanes).astype(jnp.int32)
+    return InitialTraffic(x, lane, speed, active)
 
 
 def _drawn_counts(
@@ -238,36 +243,34 @@ def _drawn_counts(
     return evs, jnp.clip(total - evs, 0, slots - num_ev_slots)
 
 
-def _safe_initial_speed(
-    spacing: jax.Array, desired_speed: jax.Array, params: EnvParams
+def _initial_speeds(
+    x: jax.Array,
+    leader: jax.Array,
+    kind: jax.Array,
+    desired_speed: jax.Array,
+    active: jax.Array,
+    params: EnvParams,
 ) -> jax.Array:
-    """Highest safe initial speed on a road filled at this smallest spacing, m, () m/s.
+    """Speeds at which everybody is safe behind its leader, `(C,)` m/s; `leader` holds slots, all else is by slot.
 
-    In the smallest possible gap it keeps the time headway, and can slow down to the slowest vehicle's speed at four
-    fifths of max_braking.
+    A vehicle keeps its time headway, and can slow down to the slowest vehicle's speed at four fifths of max_braking.
     """
-    drivers, comes = params.drivers, jnp.stack(params.demand.class_shares) > 0.0
-
-    def largest(of_kinds: jax.Array) -> jax.Array:
-        return jnp.max(jnp.where(comes, of_kinds, 0.0))
-
-    smallest_gap = 0.5 * spacing - largest(drivers.vehicle_length)
-    room = jnp.maximum(smallest_gap - largest(drivers.min_gap), 0.0)
-    # XLA multiplies by the reciprocal of what environments share; this keeps a single environment bit-identical.
-    fastest = room * (1.0 / largest(drivers.time_headway))
-    slowest = jnp.minimum(jnp.min(desired_speed), fastest)
-    braked = slowest**2 + 2.0 * 0.8 * params.motion.max_braking * room
-    return jnp.minimum(fastest, jnp.sqrt(braked))
+    drivers = params.drivers
+    rear = x[leader] - drivers.vehicle_length[kind[leader]]
+    gap = jnp.where(x[leader] > x, rear - x, FREE_GAP_M)
+    room = jnp.maximum(gap - drivers.min_gap[kind], 0.0)
+    own = jnp.minimum(desired_speed, room / drivers.time_headway[kind])
+    slowest = jnp.min(jnp.where(active, own, jnp.inf), initial=jnp.max(desired_speed))
+    braked = jnp.square(slowest) + 2.0 * 0.8 * params.motion.max_braking * room
+    return jnp.minimum(own, jnp.sqrt(braked))
 
 
-def _shuffled_places(key: jax.Array, active: jax.Array) -> jax.Array:
-    """Random ranks of the slots, active ones first, (C,) int32 from (C,) bool."""
+def _shuffled_slots(key: jax.Array, active: jax.Array) -> jax.Array:
+    """Slots in random order, active ones first, (C,) int32 from (C,) bool."""
     slots = active.shape[0]
     # Shuffles by one sort of packed keys: random high bits, slot in the low bits, inactive last.
     bits = max(1, (slots - 1).bit_length())
     tickets = jax.random.bits(key, (slots,), jnp.uint32) >> (bits + 1) << bits
     tickets = jnp.where(active, tickets, jnp.uint32(2**31))
     shuffled = jnp.sort(tickets | jnp.arange(slots, dtype=jnp.uint32))
-    order = (shuffled & jnp.uint32(2**bits - 1)).astype(jnp.int32)
-    ranks = jnp.arange(slots, dtype=jnp.int32)
-    return jnp.zeros((slots,), jnp.int32).at[order].set(ranks, unique_indices=True)
+    return (shuffled & jnp.uint32(2**bits - 1)).astype(jnp.int32)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
+from medjax.numerics.sums import block_fma
 from medjax.world.params import DemandParams, EnvConfig, EnvParams, RoadParams
 from medjax.world.state import Vehicles
 
@@ -56,27 +57,28 @@ def draw_destinations_on_road(
     uniform: jax.Array,
     x: jax.Array,
     origin: jax.Array,
-    is_rightmost: jax.Array,
-    demand: DemandParams,
+    lanes_to_go: jax.Array,
     config: EnvConfig,
-    road: RoadParams,
+    params: EnvParams,
 ) -> jax.Array:
     """Destinations of vehicles that a reset puts on the road, m.
 
-    Those bound for an exit nearer than `exit_notice_m` are in the rightmost lane already, as their own preparation
-    would have brought them there. So the share of all lanes that leaves there is drawn in that lane alone.
+    Near their exit vehicles are in the lanes that their own preparation would have brought them to (`exit_desire`): the
+    share of all lanes that leaves is drawn in these alone, or in more lanes where it is more than they hold.
 
     Args:
       uniform: in [0, 1), one draw per vehicle.
-      x, origin: where it is and where it entered, m; is_rightmost: bool, whether it is in the rightmost lane.
+      x, origin: where it is and where it entered, m; lanes_to_go: int32, lane changes to the rightmost lane.
     """
-    leaving = []
+    road, view_m, leaving = params.road, params.lane_change.exit_view_m, []
     for index in range(road.exit_x_m.shape[0]):
-        to_exit = road.exit_x_m[index] - x
-        share = _share_leaving_at(index, origin, demand, road)
-        in_lane = jnp.where(is_rightmost, jnp.minimum(config.num_lanes * share, 1.0), 0.0)
-        share = jnp.where(to_exit < road.exit_notice_m, in_lane, share)
-        leaving.append(jnp.where(to_exit > road.exit_lane_m, share, 0.0))
+        to_lane = road.exit_x_m[index] - road.exit_lane_m - x
+        share = _share_leaving_at(index, origin, params.demand, road)
+        of_lanes = config.num_lanes * share
+        lanes = jnp.maximum(1.0 + jnp.floor(to_lane / view_m), jnp.ceil(of_lanes))
+        lanes = jnp.clip(lanes, 1.0, float(config.num_lanes))
+        share = jnp.where(lanes_to_go < lanes, jnp.minimum(of_lanes / lanes, 1.0), 0.0)
+        leaving.append(jnp.where(to_lane > 0.0, share, 0.0))
     return _drawn(uniform, leaving, road)
 
 
@@ -113,7 +115,7 @@ def flows_past(
         comes = jnp.where(own_x <= x, flow, 0.0)
         for index in range(road.exit_x_m.shape[0]):
             stays = 1.0 - _share_leaving_at(index, own_x, demand, road)
-            comes = jnp.where(x > road.exit_x_m[index], comes * stays, comes)
+            comes = jnp.where(x > road.exit_x_m[index], block_fma(comes * stays), comes)
         left.append(comes)
     return entry_x, left
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 import medjax
 from medjax.charging.booking import (
-    WORTHWHILE_S,
     Offers,
     Requests,
     book,
@@ -52,6 +51,7 @@ def draw(seed):
         x=jnp.asarray(rng.uniform(0, 1500, NUM_MEDS), jnp.float32),
         speed=jnp.full(NUM_MEDS, 22.0),
         service_speed=jnp.full(NUM_MEDS, 22.0),
+        gentle_rate=jnp.full(NUM_MEDS, 0.07),
         lane=jnp.full(NUM_MEDS, 2, jnp.int32),
         length=jnp.full(NUM_MEDS, 12.0),
         free=jnp.asarray(free),
@@ -130,7 +130,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
     free, nobody = jnp.ones((1, 4), bool), jnp.zeros((1, 2), bool)
 
     def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0, ev_leaves_x=4000.0):
-        med_there = (jnp.array([value]) for value in (med_x, 22.0, 22.0, 2, 12.0))
+        med_there = (jnp.array([value]) for value in (med_x, 22.0, 22.0, 0.07, 2, 12.0))
         offers = Offers(*med_there, free, jnp.array([leaves_x]), nobody)
         asks = (jnp.array([value]) for value in (ev_x, 30.0, 1, 5.0, True, endurance, ev_leaves_x))
         got, _ = booking(med, charging_slot, Requests(*asks), offers)
@@ -161,52 +161,6 @@ def test_requests_and_offers_end_before_the_exit(exit_x):
     requests, offers = requests_and_offers(state, config, params)
     np.testing.assert_allclose(requests.leaves_x, expected[config.ev_slots], atol=1e-2)
     np.testing.assert_allclose(offers.leaves_x, expected[config.med_slots], atol=1e-2)
-
-
-def books(charging, ahead_m, med_speed, desired, leaves_after_s=1e6, patience_s=1e6):
-    """Whether an EV in the lane to the left books the left slot of a MED with a service speed of 22 m/s."""
-    leaves_x = jnp.array([1000.0 + med_speed * leaves_after_s])
-    med_there = (jnp.array([value]) for value in (1000.0, med_speed, 22.0, 2, 12.0))
-    left, nobody = jnp.array([[True, False, False, False]]), jnp.zeros((1, 2), bool)
-    asks = (jnp.array([value]) for value in (1000.0 + ahead_m, desired, 1, 5.0, True, 1e6, 1e9))
-    none = jnp.full((1,), NOT_BOOKED, jnp.int32)
-    offers, patient = Offers(*med_there, left, leaves_x, nobody), {"patience_s": patience_s}
-    got, _ = granted(none, none, Requests(*asks), offers, charging.replace(**patient))
-    return int(got[0]) == 0
-
-
-@pytest.mark.parametrize("approach_speed", [0.5, 2.0, 8.0])
-@pytest.mark.parametrize(
-    ("ahead_m", "med_speed", "desired", "difference"),
-    [
-        (60.0, 22.0, 30.0, 22.0 - 0.75 * 22.0),  # falls back to three quarters of the service speed
-        (60.0, 20.0, 30.0, 20.0 - 0.75 * 22.0),  # which a slow MED does not change
-        (-90.0, 22.0, 30.0, 30.0 - 22.0),  # closes up at its desired speed
-        (-90.0, 20.0, 24.0, 24.0 - 20.0),
-    ],
-)
-def test_booking_expects_evs_to_drive_as_docking_does(
-    paper, ahead_m, med_speed, desired, difference, approach_speed
-):
-    """At most at the approach speed, in time before the MED leaves and the booking lapses."""
-    charging = paper[1].charging.replace(approach_speed=approach_speed)
-    # In the left slot an EV and its MED have their middles side by side.
-    seconds = abs(ahead_m + 0.5 * (12.0 - 5.0)) / min(approach_speed, difference)
-    play = functools.partial(books, charging, ahead_m, med_speed, desired)
-    assert play(seconds + WORTHWHILE_S + 0.5, seconds + 0.5)
-    assert not play(seconds + WORTHWHILE_S - 0.5, seconds + 0.5)
-    assert not play(seconds + WORTHWHILE_S + 0.5, seconds - 0.5)
-
-
-@pytest.mark.parametrize(
-    ("ahead_m", "med_speed", "desired"),
-    [(60.0, 16.0, 30.0), (60.0, 16.5, 30.0), (-60.0, 22.0, 22.0), (-60.0, 22.0, 20.0)],
-)
-def test_who_cannot_get_to_a_slot_does_not_book_it(paper, ahead_m, med_speed, desired):
-    """A MED in a jam drives slower than anyone falls back to; no EV drives faster than it desires."""
-    usual = {"leaves_after_s": 1000.0, "patience_s": 1000.0}
-    assert books(paper[1].charging, ahead_m, 22.0, 30.0, **usual)
-    assert not books(paper[1].charging, ahead_m, med_speed, desired, **usual)
 
 
 @pytest.mark.thorough

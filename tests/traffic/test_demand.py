@@ -107,7 +107,7 @@ def fill(asked):
 
         def one(key):
             desired = desired_speeds(jax.random.normal(key, (slots,)), kind, drivers)
-            return fill_road(key, is_ev, desired, NUM_LANES, asked_for)
+            return fill_road(key, kind, desired, NUM_LANES, asked_for)
 
         filled = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(1), keys))
         return jax.tree.map(np.asarray, filled), np.asarray(kind)

@@ -72,29 +72,30 @@ def test_entries_are_shares_of_passing_vehicles(road):
 
 
 def test_destinations_of_who_is_on_the_road_at_reset(road):
-    """As many as of those that enter leave at each exit, of all lanes; just before an exit all in the rightmost one."""
+    """As many as of those that enter leave at each exit, of all lanes; near it, in the lanes nearest to it alone."""
     env, params = road
-    size, lanes, near = 100_000, env.config.num_lanes, float(params.road.exit_notice_m)
+    size, lanes, view = 100_000, env.config.num_lanes, float(params.lane_change.exit_view_m)
     uniform = jnp.asarray((np.arange(size) + 0.5) / size, jnp.float32)
+    begins = 1000.0 - float(params.road.exit_lane_m)  # of the first exit's deceleration lane
 
-    def shares(x, origin, rightmost):
-        on_road = jnp.full(size, x), jnp.full(size, origin), jnp.full(size, rightmost)
-        drawn = draw_destinations_on_road(uniform, *on_road, params.demand, env.config, params.road)
+    def shares(x, origin, to_go, params=params):
+        on_road = jnp.full(size, x), jnp.full(size, origin), jnp.full(size, to_go)
+        drawn = draw_destinations_on_road(uniform, *on_road, env.config, params)
         return [(np.asarray(drawn) == place).mean() for place in EXITS]
 
-    far = 2900.0 - near - 1.0
-    for rightmost in (False, True):
-        np.testing.assert_allclose(shares(1500.0, 0.0, rightmost), (0.0, 0.2), atol=2e-5)
-        np.testing.assert_allclose(shares(far, 1200.0, rightmost), (0.0, 0.2), atol=2e-5)
-    before = 1000.0 - float(params.road.exit_lane_m) - 1.0
-    assert 1000.0 - before < near
-    every = [shares(before, 0.0, lane == lanes - 1) for lane in range(lanes)]
-    assert [first for first, _ in every[:-1]] == [0.0] * (lanes - 1)
-    first = min(0.3 * lanes, 1.0)
-    np.testing.assert_allclose(every[-1], (first, 0.2 * (1.0 - first)), atol=2e-5)
-    # Who entered within the notice of the exit passes it, and so does who is beside its exit lane.
-    np.testing.assert_allclose(shares(before, 500.0, True), (0.0, 0.2), atol=2e-5)
-    np.testing.assert_allclose(shares(before + 2.0, 0.0, True), (0.0, 0.2), atol=2e-5)
+    for to_go in range(lanes):
+        np.testing.assert_allclose(shares(1500.0, 0.0, to_go), (0.0, 0.2), atol=2e-5)
+    # One more lane change needs another 295 m. Three of ten leave here, more than one lane of four holds.
+    for to_lane, in_lanes in ((1.0, 2), (view - 1.0, 2), (2.0 * view + 1.0, 3)):
+        every = [shares(begins - to_lane, 0.0, to_go)[0] for to_go in range(lanes)]
+        expected = [0.3 * lanes / in_lanes] * in_lanes + [0.0] * (lanes - in_lanes)
+        np.testing.assert_allclose(every, expected, atol=2e-5)
+    few = params.replace(demand=params.demand.replace(exit_share=jnp.array([0.1, 0.2])))
+    every = [shares(begins - 1.0, 0.0, to_go, few)[0] for to_go in range(lanes)]
+    np.testing.assert_allclose(every, [0.1 * lanes] + [0.0] * (lanes - 1), atol=2e-5)
+    # Who entered within the notice of the exit passes it, and so does who is beside its deceleration lane.
+    np.testing.assert_allclose(shares(begins - 1.0, 500.0, 0), (0.0, 0.2), atol=2e-5)
+    np.testing.assert_allclose(shares(begins + 1.0, 0.0, 0), (0.0, 0.2), atol=2e-5)
 
 
 def test_desire_grows_as_in_lmrs(road):

@@ -22,7 +22,6 @@ from train.algorithms.normalization import init_stats
 from train.algorithms.rollout import RolloutState
 from train.settings import TrainConfig
 
-TRAINING = 0x7EA14  # folded into the seed's key, as `medjax.episodes.keys.EVALUATION` is
 Metrics = dict[str, jax.Array]
 
 
@@ -61,15 +60,6 @@ class Learner(Protocol):
             The new state, and scalars that describe the update: `reward_mean`,
             `train.algorithms.rollout.episode_metrics`, `train.algorithms.finite.BAD`, and any of the algorithm's own.
         """
-
-
-def learner_keys(key: jax.Array, num_seeds: int) -> jax.Array:
-    """Keys `(num_seeds,)` of the learners of a run, from the key of its seed; the first is the same for any number.
-
-    None is among the keys that another learner derives from its own, as children of the seed's key itself would be.
-    """
-    numbers = jnp.arange(num_seeds, dtype=jnp.uint32)
-    return jax.vmap(jax.random.fold_in, (None, 0))(jax.random.fold_in(key, TRAINING), numbers)
 
 
 def first_weights(network: nn.Module, key: jax.Array, shape: tuple[int, ...]) -> PolicyWeights:
@@ -124,5 +114,7 @@ class Algorithm:
         """
         network = self.build_network(env, config)
         shape = weights.obs_stats.mean.shape[-1:]
-        key = learner_keys(jax.random.key(config.seed), 1)[0]
+        key = jax.random.key(config.seed)
+        if config.num_seeds > 1:
+            key = jax.random.split(key, config.num_seeds)[0]
         return jax.jit(lambda key: first_weights(network, key, shape))(key)

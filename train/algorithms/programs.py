@@ -14,7 +14,7 @@ from jax import lax
 from jax.sharding import NamedSharding, PartitionSpec
 
 from medjax.env.contract import Environment
-from train.algorithms.algorithm import Learner, Metrics, TrainState, learner_keys
+from train.algorithms.algorithm import Learner, Metrics, TrainState
 from train.algorithms.registry import algorithm_of
 from train.settings import MOST_PER_CALL, TrainConfig
 
@@ -74,10 +74,7 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
         InputError: `config.num_devices` is not possible.
     """
     learner = algorithm_of(config).build_learner(env, params, config)
-
-    def init(key: jax.Array, env_params: Any) -> TrainState:
-        return learner.init(learner_keys(key, 1)[0], env_params)
-
+    init: Callable[..., TrainState] = learner.init
     run: Callable[..., tuple[TrainState, Metrics]] = partial(run_updates, learner)
     if config.num_seeds > 1:
         # Seeds run one after the other, each as fast as alone: its environments fit the cache, its matrices stay 2-D.
@@ -88,7 +85,7 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
             return lax.map(lambda own: run_updates(learner, own, env_params, num_updates), states)
 
         def init(key: jax.Array, env_params: Any) -> TrainState:
-            keys = learner_keys(key, config.num_seeds)
+            keys = jax.random.split(key, config.num_seeds)
             return lax.map(lambda own: learner.init(own, env_params), keys)
 
     where = shardings(learner, seeds=config.num_seeds > 1)

@@ -8,7 +8,6 @@ import pytest
 
 from tests.train.algorithms.ppo.test_learner import BASE
 from tests.train.probe_envs import Probe, ProbeParams
-from train.algorithms.algorithm import learner_keys
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.programs import make_train
 from train.algorithms.registry import algorithm_of
@@ -85,23 +84,3 @@ def test_seeds_are_independent():
     for column in metrics["loss"][:, :2].T:
         assert len({*column.tolist()}) == 3
     assert state.update.shape == (3,)
-
-
-def test_learners_of_a_seed_share_no_key():
-    """Not even with a run of another number of seeds, but for the first learner, which is the same in all."""
-
-    def words(key, updates=4):
-        """Of all keys that a learner derives from its own in so many updates, as `PPOLearner` does."""
-        found = []
-        for _ in range(updates):
-            first, second, key = jax.random.split(key, 3)
-            found += [first, second, key, *jax.random.split(first, 8)]
-        return {tuple(jax.random.key_data(each).tolist()) for each in found}
-
-    seed = jax.random.key(3)
-    several = [words(key) for key in learner_keys(seed, 5)]
-    assert len(set.union(*several)) == sum(map(len, several))
-    assert words(learner_keys(seed, 1)[0]) == several[0]
-    assert not words(seed) & set.union(*several)
-    # Children of the seed's key would share keys with a learner that begins at the seed's key.
-    assert words(seed) & words(jax.random.split(seed, 3)[2])
