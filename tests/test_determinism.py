@@ -2,6 +2,7 @@
 
 import functools
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -136,3 +137,20 @@ def test_blocks_devices_and_resets(num_devices):
     plain = jax.device_get(jax.jit(play)(keys[:64], params))
     shared = on_devices(environment_mesh(384, num_devices), play)
     assert differing(plain, jax.device_get(jax.jit(shared)(keys, params)), 64) == {}
+
+
+def test_resets_beside_other_worlds():
+    """An environment starts as it does alone where those beside it have other demands and other roads."""
+    env, params = medjax.make("paper")
+    road, demand = params.road, params.demand
+    busier = demand.replace(mainline_per_h=1.37 * demand.mainline_per_h)
+    elsewhere = road.replace(ramp_x_m=road.ramp_x_m + jnp.array([7.3, 91.0, -33.0, 210.0]))
+    worlds = [params, params.replace(demand=busier), params.replace(road=elsewhere)]
+    keys = jax.random.split(jax.random.key(0), len(worlds))
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *worlds)
+    together = jax.jit(jax.vmap(env.reset))(keys, stacked)
+    alone = jax.jit(env.reset)
+    for number, world in enumerate(worlds):
+        own = alone(keys[number], world)
+        beside = jax.tree.map(lambda leaf: leaf[number], together)  # noqa: B023
+        chex.assert_trees_all_equal(own, beside)

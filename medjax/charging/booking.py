@@ -143,18 +143,18 @@ def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParam
     goal = plan.goal_x
     # An EV closes up at its desired speed and falls back at the slowest pace that docking gives it, either way at most
     # at the approach speed. Who is no faster, or cannot be slower, than the MED does not get there.
-    faster = requests.desired_speed - offer.speed
-    slower = offer.speed - params.slowest_share * offer.service_speed
-    close, back = (jnp.clip(by, 0.0, params.approach_speed)[:, None] for by in (faster, slower))
+    faster = jnp.clip(requests.desired_speed - offer.speed, 0.0, params.approach_speed)[:, None]
+    slower = jnp.maximum(offer.speed - params.slowest_share * offer.service_speed, 0.0)[:, None]
+    leads = plan.leads & (charging_slot == FRONT)  # what the MED takes bounds its pace instead
+    slower = jnp.where(leads, slower, jnp.minimum(slower, params.approach_speed))
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     closes = up > 0.0  # at last; whoever crosses the MED's lane falls back before
-    seconds = jnp.where(closes, down / jnp.maximum(back, 1e-3), 0.0)
-    seconds += approach_time(jnp.where(closes, up, down), jnp.where(closes, close, back), params)
+    seconds = jnp.where(closes, down / jnp.maximum(slower, 1e-3), 0.0)
+    way, fastest = jnp.where(closes, up, down), jnp.where(closes, faster, slower)
+    seconds += approach_time(way, fastest, params) + LANE_CHANGE_S * jnp.abs(wanted - lane)
     room = room_ahead(slot, length, med, params)
     gently = gentle_time(down, room, offer.gentle_rate[:, None], params)
-    leads = plan.leads & (charging_slot == FRONT)
     seconds = jnp.where(leads, jnp.maximum(seconds, gently), seconds)
-    seconds += LANE_CHANGE_S * jnp.abs(wanted - lane)
     # An EV cannot pass the MED in the MED's lane. Nor can it pass, in a side slot's lane, the EV that has booked that
     # slot. It would get stuck behind the other vehicle, or slow that vehicle down when it falls back.
     blocked = (lane == med.lane) & jnp.where(
