@@ -119,12 +119,12 @@ def run(argv):
 @pytest.mark.thorough
 def test_the_command_compares_two_trees(monkeypatch, tmp_path, capsys):
     """Twice the same world, and one in which an EV is a hundredth heavier."""
-    small = {"num_meds": 1, "num_evs": 2, "num_gas": 4}
+    small = {"num_meds": 1, "num_evs": 2, "num_gas": 4, "battery_scale": 1.0}  # none runs out
     rollout, envs = functools.cache(golden.rollout), {}  # of equal sizes: compiled once
     once = lambda env, count: rollout(envs.setdefault(env.config, env), count)  # noqa: E731
     monkeypatch.setattr(golden, "rollout", once)
     monkeypatch.setattr(golden, "AGENTS", {})
-    for file, changed in (("a", {}), ("b", {}), ("c", {"ev.mass_kg": 1.01 * 1580.0})):
+    for file, changed in (("a", {}), ("b", {}), ("c", {"ev.mass_kg": 1.01 * 1636.03})):
         monkeypatch.setattr(golden, "WORLDS", {"small": ("paper", 5, small | changed)})
         assert run([f"--out={tmp_path / file}.npz"]) == 0
     a, b, c = (str(tmp_path / f"{file}.npz") for file in "abc")
