@@ -139,12 +139,16 @@ def test_blocks_devices_and_resets(num_devices):
     assert differing(plain, jax.device_get(jax.jit(shared)(keys, params)), 64) == {}
 
 
-def test_resets_beside_other_worlds():
+@pytest.mark.parametrize("preset", ["paper", "corridor"])
+def test_resets_beside_other_worlds(preset):
     """An environment starts as it does alone where those beside it have other demands and other roads."""
-    env, params = medjax.make("paper")
+    env, params = medjax.make(preset)
     road, demand = params.road, params.demand
     busier = demand.replace(mainline_per_h=1.37 * demand.mainline_per_h)
-    elsewhere = road.replace(ramp_x_m=road.ramp_x_m + jnp.array([7.3, 91.0, -33.0, 210.0]))
+    elsewhere = road.replace(
+        ramp_x_m=road.ramp_x_m
+        + jnp.resize(jnp.array([7.3, 91.0, -33.0, 210.0]), road.ramp_x_m.shape)
+    )
     worlds = [params, params.replace(demand=busier), params.replace(road=elsewhere)]
     keys = jax.random.split(jax.random.key(0), len(worlds))
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *worlds)

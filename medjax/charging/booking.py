@@ -142,10 +142,11 @@ def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParam
     plan = plan_approach(x, lane, length, charging_slot, med, params)
     goal = plan.goal_x
     # An EV closes up at its desired speed and falls back at the slowest pace that docking gives it, either way at most
-    # at the approach speed. Who is no faster, or cannot be slower, than the MED does not get there.
+    # at the approach speed; ahead of the MED in its lane, as fast as the MED lets it. Who is no faster, or cannot be
+    # slower, than the MED does not get there.
     faster = jnp.clip(requests.desired_speed - offer.speed, 0.0, params.approach_speed)[:, None]
     slower = jnp.maximum(offer.speed - params.slowest_share * offer.service_speed, 0.0)[:, None]
-    leads = plan.leads & (charging_slot == FRONT)  # what the MED takes bounds its pace instead
+    leads = plan.leads & (charging_slot == FRONT)
     slower = jnp.where(leads, slower, jnp.minimum(slower, params.approach_speed))
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     closes = up > 0.0  # at last; whoever crosses the MED's lane falls back before

@@ -189,6 +189,7 @@ def gentle_time(
     """
     # From here on the pace falls faster with the way than with the room.
     settles_at = room_m * rate / jnp.maximum(params.approach_rate - rate, 1e-3)
+    settles_at = jnp.maximum(settles_at, params.dock_tolerance_m)
     gently = (
         jnp.log(jnp.maximum((way_m + room_m) / jnp.maximum(settles_at + room_m, 1e-3), 1.0)) / rate
     )

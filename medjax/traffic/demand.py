@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from medjax.numerics.sums import block_fma
-from medjax.traffic.exits import mean_distance
-from medjax.traffic.following import FREE_GAP_M
+from medjax.traffic.following import FREE_GAP_M, braking_weight, by_kind
 from medjax.traffic.sections import Sections, place, sections_of
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import (
@@ -26,6 +25,8 @@ from medjax.world.params import (
 MOST_ARRIVALS = 8
 # Desired speeds are cut off at this many standard deviations.
 SPEED_SPREAD = 2.5
+# A reset adapts speeds to those of so many vehicles ahead; even on a full road the next one changes nothing.
+SLOWER_LEADERS = 12
 
 
 def entry_rates(demand: DemandParams, num_lanes: int, time_s: Scalar) -> jax.Array:
@@ -158,11 +159,8 @@ class InitialTraffic(NamedTuple):
 
 
 def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> jax.Array:
-    """Vehicles on the road in equilibrium: each entry's flow times mean trip length over speed."""
-    mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
-    metres = mainline * mean_distance(jnp.zeros((), jnp.float32), demand, road)
-    metres += jnp.sum(ramps * mean_distance(road.ramp_x_m, demand, road))
-    return metres / (3600.0 * speed)
+    """Vehicles on the road in equilibrium, if all drive at this speed, m/s."""
+    return sections_of(demand, road).total / (3600.0 * speed)
 
 
 def fill_road(
@@ -190,23 +188,25 @@ def fill_road(
     class_rank = jnp.where(is_ev, evs_so_far, gas_so_far) - 1
     active = class_rank < jnp.where(is_ev, evs, gas)
 
-    order = _shuffled_slots(shuffle_key, active)
-    ranks = jnp.arange(kind.shape[0], dtype=jnp.int32)
-    position = jnp.zeros_like(ranks).at[order].set(ranks, unique_indices=True)
+    in_place = _shuffled_slots(shuffle_key, active)
+    places = jnp.arange(kind.shape[0], dtype=jnp.int32)
     per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)
-    row = position // num_lanes
     jitter = jax.random.uniform(jitter_key, kind.shape, jnp.float32, maxval=0.5)
-    upstream = block_fma((row + jitter) * (1.0 / per_lane))
+    upstream = block_fma((places // num_lanes + jitter) * (1.0 / per_lane))
     upstream += jax.random.uniform(begin_key, (), jnp.float32)
     upstream -= jnp.floor(upstream)  # share of all vehicles
     x = place(upstream, sections)
-    # The next place of the lane; after the last one comes the first, unless it lies behind.
-    following = jnp.where(
-        position + num_lanes < evs + gas, position + num_lanes, position % num_lanes
-    )
-    speed = _initial_speeds(x, order[following], kind, desired_speed, active, params)
-    lane = (position % num_lanes).astype(jnp.int32)
-    return InitialTraffic(x, lane, speed, active)
+
+    def ahead(values: jax.Array) -> jax.Array:
+        """Values of the vehicle in the next place of the lane; after the last place comes the first."""
+        first = jnp.resize(values[:num_lanes], values.shape)
+        return jnp.where(
+            places + num_lanes < evs + gas, jnp.roll(values, -num_lanes, axis=0), first
+        )
+
+    speed = _initial_speeds(x, ahead, kind[in_place], desired_speed[in_place], params)
+    of_slot = jnp.zeros_like(places).at[in_place].set(places, unique_indices=True)
+    return InitialTraffic(x[of_slot], of_slot % num_lanes, speed[of_slot], active)
 
 
 def _drawn_counts(
@@ -217,11 +217,11 @@ def _drawn_counts(
     params: EnvParams,
 ) -> tuple[jax.Array, jax.Array]:
     """Numbers of EVs and gas vehicles on the road, () each, limited by slots and by room on the road."""
-    demand, road, drivers = params.demand, params.road, params.drivers
+    demand, drivers = params.demand, params.drivers
     slots, num_ev_slots = is_ev.shape[0], jnp.sum(is_ev, dtype=jnp.int32)
     shares, speed = demand.class_shares, drivers.desired_speed
     gas, evs = (
-        sum(shares[k] * expected_vehicles(demand, road, speed[k]) for k in kinds)
+        sections.total / 3600.0 * sum(shares[k] / speed[k] for k in kinds)
         for kinds in (GAS_KINDS, kinds_in(EVS))  # if all vehicles were of this class
     )
     # If EVs and others are equally fast, this gives exactly the total of either and the share of arrivals.
@@ -235,7 +235,7 @@ def _drawn_counts(
     kinds = jnp.array(kinds_in(EVS, FUELLED))
     rooms = (drivers.vehicle_length + drivers.min_gap)[kinds]
     room = jnp.max(jnp.where(jnp.stack(shares)[kinds] > 0.0, rooms, 0.0))
-    densest_m = sections.evenness * road.length_m
+    densest_m = sections.evenness * params.road.length_m
     total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(densest_m / (2.5 * room)))
     spread = jnp.sqrt(total * ev_share * (1.0 - ev_share))
     evs = jnp.round(total * ev_share + spread * jax.random.normal(keys[1], (), jnp.float32))
@@ -245,24 +245,32 @@ def _drawn_counts(
 
 def _initial_speeds(
     x: jax.Array,
-    leader: jax.Array,
+    ahead: Callable[[jax.Array], jax.Array],
     kind: jax.Array,
     desired_speed: jax.Array,
-    active: jax.Array,
     params: EnvParams,
 ) -> jax.Array:
-    """Speeds at which everybody is safe behind its leader, `(C,)` m/s; `leader` holds slots, all else is by slot.
-
-    A vehicle keeps its time headway, and can slow down to the slowest vehicle's speed at four fifths of max_braking.
-    """
+    """Speeds at which IDM brakes comfortably at most, `(C,)` m/s; `ahead` gives values of the vehicle ahead of each."""
     drivers = params.drivers
-    rear = x[leader] - drivers.vehicle_length[kind[leader]]
-    gap = jnp.where(x[leader] > x, rear - x, FREE_GAP_M)
-    room = jnp.maximum(gap - drivers.min_gap[kind], 0.0)
-    own = jnp.minimum(desired_speed, room / drivers.time_headway[kind])
-    slowest = jnp.min(jnp.where(active, own, jnp.inf), initial=jnp.max(desired_speed))
-    braked = jnp.square(slowest) + 2.0 * 0.8 * params.motion.max_braking * room
-    return jnp.minimum(own, jnp.sqrt(braked))
+    length, min_gap, time_headway = (
+        by_kind(kind, values)
+        for values in (drivers.vehicle_length, drivers.min_gap, drivers.time_headway)
+    )
+    gap = jnp.where(ahead(x) > x, ahead(x - length) - x, FREE_GAP_M)
+    room = jnp.maximum(gap - min_gap, 0.0)
+    in_equilibrium = jnp.minimum(desired_speed, room / time_headway)
+    # Behind a slower leader, IDM's desired gap min_gap + v T + weight v (v - v_leader) may be this much longer.
+    longer = jnp.sqrt(drivers.comfortable_deceleration / drivers.max_acceleration)
+    weight = by_kind(
+        kind, braking_weight(drivers.max_acceleration, drivers.comfortable_deceleration)
+    )
+    room = jnp.maximum(block_fma(jnp.maximum(gap, 0.0) * by_kind(kind, longer)) - min_gap, 0.0)
+    speed = in_equilibrium
+    for _ in range(SLOWER_LEADERS):
+        headway = time_headway - block_fma(weight * ahead(speed))
+        root = jnp.sqrt(block_fma(jnp.square(headway)) + block_fma(4.0 * weight * room))
+        speed = jnp.minimum(in_equilibrium, 2.0 * room / jnp.maximum(headway + root, 1e-6))
+    return speed
 
 
 def _shuffled_slots(key: jax.Array, active: jax.Array) -> jax.Array:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from medjax.numerics.sums import block_fma
+from medjax.numerics.sums import block_fma, scale_by
 from medjax.world.params import DemandParams, EnvConfig, EnvParams, RoadParams
 from medjax.world.state import Vehicles
 
@@ -31,6 +31,11 @@ def last_exit(x: jax.Array, road: RoadParams) -> jax.Array:
     for index in range(road.exit_x_m.shape[0]):
         last = jnp.where(x >= road.exit_x_m[index], road.exit_x_m[index], last)
     return last
+
+
+def deceleration_lanes(road: RoadParams) -> jax.Array:
+    """Where the deceleration lane of each exit begins, `(num_exits,)` m."""
+    return road.exit_x_m - road.exit_lane_m
 
 
 def _share_leaving_at(
@@ -64,18 +69,19 @@ def draw_destinations_on_road(
     """Destinations of vehicles that a reset puts on the road, m.
 
     Near their exit vehicles are in the lanes that their own preparation would have brought them to (`exit_desire`): the
-    share of all lanes that leaves is drawn in these alone, or in more lanes where it is more than they hold.
+    share of all lanes that leaves is drawn in these alone, or in more lanes where it is more than they hold. Where the
+    lanes of two exits overlap, too few are bound for the second one.
 
     Args:
       uniform: in [0, 1), one draw per vehicle.
       x, origin: where it is and where it entered, m; lanes_to_go: int32, lane changes to the rightmost lane.
     """
     road, view_m, leaving = params.road, params.lane_change.exit_view_m, []
-    for index in range(road.exit_x_m.shape[0]):
-        to_lane = road.exit_x_m[index] - road.exit_lane_m - x
+    for index, lane_x in enumerate(deceleration_lanes(road)):
+        to_lane = lane_x - x
         share = _share_leaving_at(index, origin, params.demand, road)
         of_lanes = config.num_lanes * share
-        lanes = jnp.maximum(1.0 + jnp.floor(to_lane / view_m), jnp.ceil(of_lanes))
+        lanes = jnp.maximum(1.0 + jnp.floor(scale_by(to_lane, view_m)), jnp.ceil(of_lanes))
         lanes = jnp.clip(lanes, 1.0, float(config.num_lanes))
         share = jnp.where(lanes_to_go < lanes, jnp.minimum(of_lanes / lanes, 1.0), 0.0)
         leaving.append(jnp.where(to_lane > 0.0, share, 0.0))
@@ -94,28 +100,21 @@ def _drawn(uniform: jax.Array, leaving: Sequence[jax.Array], road: RoadParams) -
     return destination
 
 
-def mean_distance(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
-    """Mean trip length of vehicles that enter at these positions, m; of the shape of x, m."""
-    distance, stays = road.length_m - x, jnp.ones_like(x)
-    for index in range(road.exit_x_m.shape[0]):
-        leaves = stays * _share_leaving_at(index, x, demand, road)
-        distance = distance - leaves * (road.length_m - road.exit_x_m[index])
-        stays = stays - leaves
-    return distance
-
-
 def flows_past(
     x: jax.Array, demand: DemandParams, road: RoadParams
 ) -> tuple[list[jax.Array], list[jax.Array]]:
-    """Where the main line and the ramps enter, m, and how many from each pass these positions, vehicles/h, at reset."""
+    """Where the main line and the ramps enter, m, and how many from each pass these positions, vehicles/h, at reset.
+
+    Vehicles that leave at an exit pass the start of its deceleration lane no more.
+    """
     mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
-    entry_x = [jnp.zeros((), jnp.float32), *road.ramp_x_m]
+    entry_x, leave_x = [jnp.zeros((), jnp.float32), *road.ramp_x_m], deceleration_lanes(road)
     left = []
     for own_x, flow in zip(entry_x, [mainline, *ramps], strict=True):
         comes = jnp.where(own_x <= x, flow, 0.0)
         for index in range(road.exit_x_m.shape[0]):
             stays = 1.0 - _share_leaving_at(index, own_x, demand, road)
-            comes = jnp.where(x > road.exit_x_m[index], block_fma(comes * stays), comes)
+            comes = jnp.where(x > leave_x[index], block_fma(comes * stays), comes)
         left.append(comes)
     return entry_x, left
 

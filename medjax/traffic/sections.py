@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.numerics.sums import block_fma
-from medjax.traffic.exits import flows_past
+from medjax.traffic.exits import deceleration_lanes, flows_past
 from medjax.world.params import DemandParams, RoadParams
 
 
@@ -25,7 +25,7 @@ class Sections(NamedTuple):
 def sections_of(demand: DemandParams, road: RoadParams) -> Sections:
     """How a steady flow at the rates of the episode's start spreads over the road, as every kind does at its speed."""
     start, end = jnp.zeros((1,), jnp.float32), jnp.reshape(jnp.float32(road.length_m), (1,))
-    ends = jnp.sort(jnp.concatenate([start, road.ramp_x_m, road.exit_x_m, end]))
+    ends = jnp.sort(jnp.concatenate([start, road.ramp_x_m, deceleration_lanes(road), end]))
     length = jnp.diff(ends)
     flow = sum(flows_past(ends[:-1] + 0.5 * length, demand, road)[1])
     within = block_fma(flow * length)

@@ -96,7 +96,7 @@ class ChargingParams(struct.PyTreeNode):
         0.1,
         1e6,
         "s",
-        "time after which a booking lapses if the EV has not docked; reach over approach speed, plus 10 s",
+        "time after which a booking lapses if the EV has not docked; who would need longer does not book",
     )
     retry_s: Scalar = number(
         10.0, 0, 1e6, "s", "time from a lapsed booking to the EV's next request; chosen"

@@ -140,6 +140,37 @@ def test_filled_road_has_no_overlap(fill, asked, per_h, ramp_per_h):
     assert filled.active.any(axis=1).all()
 
 
+@pytest.mark.parametrize("per_h", [1500.0, 5000.0, 20_000.0])
+def test_nobody_starts_with_hard_braking(fill, asked, per_h):
+    """IDM asks for comfortable braking at most, in float64, where half of the vehicles are slow and long."""
+    drivers = asked[1].drivers
+    values = {
+        "desired_speed": jnp.array([22.0, 22.0, 22.0, 32.0, 22.0]),
+        "time_headway": jnp.array([1.5, 2.0, 2.0, 1.2, 2.0]),
+        "vehicle_length": jnp.array([5.0, 16.0, 16.0, 5.0, 16.0]),
+    }
+    drivers = drivers.replace(desired_speed_std=jnp.zeros(5), **values)
+    filled, kind = fill(800, 40, drivers, mainline_per_h=per_h)
+    of_kind = {name: np.asarray(value, np.float64)[kind] for name, value in values.items()}
+    a, b, s0 = (
+        np.asarray(getattr(drivers, name), np.float64)[kind]
+        for name in ("max_acceleration", "comfortable_deceleration", "min_gap")
+    )
+    hardest = 0.0
+    for x, lane, speed, active in zip(*filled, strict=True):
+        for one in range(NUM_LANES):
+            here = np.flatnonzero(active & (lane == one))
+            here = here[np.argsort(x[here])]
+            own, ahead = here[:-1], here[1:]
+            v = speed.astype(np.float64)[own]
+            gap = x[ahead].astype(np.float64) - of_kind["vehicle_length"][ahead] - x[own]
+            closing = v * (v - speed[ahead]) / (2.0 * np.sqrt(a * b)[own])
+            wanted = s0[own] + np.maximum(v * of_kind["time_headway"][own] + closing, 0.0)
+            braking = (wanted / gap) ** 2 - 1.0 + (v / of_kind["desired_speed"][own]) ** 4
+            hardest = max(hardest, (a[own] * braking / b[own]).max(initial=0.0))
+    assert 0.9 < hardest < 1.01
+
+
 def test_long_vehicles_do_not_overlap(fill, asked):
     """Even if every EV is as long as a bus and the demand is beyond the road's room."""
     drivers = asked[1].drivers
@@ -147,6 +178,13 @@ def test_long_vehicles_do_not_overlap(fill, asked):
     filled, kind = fill(1600, 8, drivers.replace(vehicle_length=length), mainline_per_h=60_000.0)
     gap, _ = bumper_gaps(filled, np.asarray(length)[kind])
     assert gap.min() > 0.0
+
+
+def test_a_dense_end_of_the_road_limits_the_count(fill, asked):
+    """Far more enter at the ramps than there is room for: where it is densest, standing gaps are left."""
+    filled, kind = fill(3200, 8, mainline_per_h=500.0, ramp_per_h=np.full(4, 30_000.0))
+    gap, _ = bumper_gaps(filled, np.asarray(asked[1].drivers.vehicle_length)[kind])
+    assert gap.min() >= np.asarray(asked[1].drivers.min_gap)[kind].max()
 
 
 def test_filled_road_matches_the_demand(fill, asked):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.traffic.demand import expected_vehicles
 from medjax.traffic.exits import (
     draw_destinations,
     draw_destinations_on_road,
@@ -13,7 +14,6 @@ from medjax.traffic.exits import (
     exit_desire,
     is_preparing_exit,
     last_exit,
-    mean_distance,
     next_exit,
 )
 
@@ -50,21 +50,26 @@ def test_destinations_are_shares_of_passing_vehicles(road):
         shares = [(drawn == place).mean() for place in EXITS]
         np.testing.assert_allclose(shares, expected, atol=2e-5)
         assert set(drawn) <= {*EXITS, 4000.0}
-        way = float(mean_distance(jnp.float32(x), params.demand, params.road))
-        assert way == pytest.approx((drawn - x).mean(), rel=1e-4)
+        # Those bound for an exit drive to the start of its deceleration lane.
+        ways = np.where(drawn < 4000.0, drawn - 250.0, drawn) - x
+        none = jnp.zeros_like(params.demand.ramp_per_h)
+        only = params.demand.replace(mainline_per_h=none[0], ramp_per_h=none.at[0].set(360.0))
+        there = params.road.replace(ramp_x_m=params.road.ramp_x_m.at[0].set(x))
+        on_road = float(expected_vehicles(only, there, 20.0))
+        assert on_road == pytest.approx(0.1 * ways.mean() / 20.0, rel=1e-4)
 
 
 def test_entries_are_shares_of_passing_vehicles(road):
-    """Of 2600 an hour at the start and 250 at each ramp, those that have not left at 1000 and 2900 m."""
+    """Of 2600 an hour at the start and 250 at each ramp, those that have not left before 1000 and 2900 m."""
     _, params = road
     uniform = (np.arange(100_000) + 0.5) / 100_000
     ramps = [100.0, 1200.0, 2100.0]
     for x, flows in (
         (50.0, (2600.0, 0.0, 0.0, 0.0)),
-        (900.0, (2600.0, 250.0, 0.0, 0.0)),
+        (740.0, (2600.0, 250.0, 0.0, 0.0)),
         # The first exit is too near to the first ramp.
-        (2800.0, (0.7 * 2600.0, 250.0, 250.0, 250.0)),
-        (3100.0, (0.7 * 0.8 * 2600.0, 0.8 * 250.0, 0.8 * 250.0, 250.0)),
+        (2640.0, (0.7 * 2600.0, 250.0, 250.0, 250.0)),
+        (2660.0, (0.7 * 0.8 * 2600.0, 0.8 * 250.0, 0.8 * 250.0, 250.0)),
     ):
         drawn = draw_origins(jnp.asarray(uniform), jnp.full(100_000, x), params.demand, params.road)
         shares = [(np.asarray(drawn) == place).mean() for place in (0.0, *ramps)]
