@@ -204,7 +204,8 @@ def fill_road(
             places + num_lanes < evs + gas, jnp.roll(values, -num_lanes, axis=0), first
         )
 
-    speed = _initial_speeds(x, ahead, kind[in_place], desired_speed[in_place], params)
+    filled = places < evs + gas
+    speed = _initial_speeds(x, filled, ahead, kind[in_place], desired_speed[in_place], params)
     of_slot = jnp.zeros_like(places).at[in_place].set(places, unique_indices=True)
     return InitialTraffic(x[of_slot], of_slot % num_lanes, speed[of_slot], active)
 
@@ -245,12 +246,16 @@ def _drawn_counts(
 
 def _initial_speeds(
     x: jax.Array,
+    filled: jax.Array,
     ahead: Callable[[jax.Array], jax.Array],
     kind: jax.Array,
     desired_speed: jax.Array,
     params: EnvParams,
 ) -> jax.Array:
-    """Speeds at which IDM brakes comfortably at most, `(C,)` m/s; `ahead` gives values of the vehicle ahead of each."""
+    """Speeds at which IDM brakes comfortably at most, `(C,)` m/s; `ahead` gives values of the vehicle ahead of each.
+
+    Whatever the drivers' parameters, everybody can slow down to the slowest speed at four fifths of max_braking.
+    """
     drivers = params.drivers
     length, min_gap, time_headway = (
         by_kind(kind, values)
@@ -258,19 +263,21 @@ def _initial_speeds(
     )
     gap = jnp.where(ahead(x) > x, ahead(x - length) - x, FREE_GAP_M)
     room = jnp.maximum(gap - min_gap, 0.0)
-    in_equilibrium = jnp.minimum(desired_speed, room / time_headway)
+    alone = jnp.minimum(desired_speed, room / time_headway)
     # Behind a slower leader, IDM's desired gap min_gap + v T + weight v (v - v_leader) may be this much longer.
     longer = jnp.sqrt(drivers.comfortable_deceleration / drivers.max_acceleration)
     weight = by_kind(
         kind, braking_weight(drivers.max_acceleration, drivers.comfortable_deceleration)
     )
-    room = jnp.maximum(block_fma(jnp.maximum(gap, 0.0) * by_kind(kind, longer)) - min_gap, 0.0)
-    speed = in_equilibrium
+    spare = jnp.maximum(block_fma(jnp.maximum(gap, 0.0) * by_kind(kind, longer)) - min_gap, 0.0)
+    speed = alone
     for _ in range(SLOWER_LEADERS):
         headway = time_headway - block_fma(weight * ahead(speed))
-        root = jnp.sqrt(block_fma(jnp.square(headway)) + block_fma(4.0 * weight * room))
-        speed = jnp.minimum(in_equilibrium, 2.0 * room / jnp.maximum(headway + root, 1e-6))
-    return speed
+        root = jnp.sqrt(block_fma(jnp.square(headway)) + block_fma(4.0 * weight * spare))
+        speed = jnp.minimum(alone, 2.0 * spare / jnp.maximum(headway + root, 1e-6))
+    slowest = jnp.min(jnp.where(filled, speed, jnp.inf), initial=jnp.max(desired_speed))
+    braked = jnp.square(slowest) + block_fma(2.0 * 0.8 * params.motion.max_braking * room)
+    return jnp.minimum(speed, jnp.sqrt(braked))
 
 
 def _shuffled_slots(key: jax.Array, active: jax.Array) -> jax.Array:
