@@ -270,14 +270,21 @@ def _initial_speeds(
         kind, braking_weight(drivers.max_acceleration, drivers.comfortable_deceleration)
     )
     spare = jnp.maximum(block_fma(jnp.maximum(gap, 0.0) * by_kind(kind, longer)) - min_gap, 0.0)
-    speed = alone
-    for _ in range(SLOWER_LEADERS):
-        headway = time_headway - block_fma(weight * ahead(speed))
-        root = jnp.sqrt(block_fma(jnp.square(headway)) + block_fma(4.0 * weight * spare))
-        speed = jnp.minimum(alone, 2.0 * spare / jnp.maximum(headway + root, 1e-6))
-    slowest = jnp.min(jnp.where(filled, speed, jnp.inf), initial=jnp.max(desired_speed))
+
+    def comfortable(limit: jax.Array) -> jax.Array:
+        """Highest speeds up to these limits."""
+        speed = limit
+        for _ in range(SLOWER_LEADERS):
+            headway = time_headway - block_fma(weight * ahead(speed))
+            root = jnp.sqrt(block_fma(jnp.square(headway)) + block_fma(4.0 * weight * spare))
+            speed = jnp.minimum(limit, 2.0 * spare / jnp.maximum(headway + root, 1e-6))
+        return speed
+
+    slowest = jnp.min(
+        jnp.where(filled, comfortable(alone), jnp.inf), initial=jnp.max(desired_speed)
+    )
     braked = jnp.square(slowest) + block_fma(2.0 * 0.8 * params.motion.max_braking * room)
-    return jnp.minimum(speed, jnp.sqrt(braked))
+    return comfortable(jnp.minimum(alone, jnp.sqrt(braked)))
 
 
 def _shuffled_slots(key: jax.Array, active: jax.Array) -> jax.Array:

@@ -139,7 +139,7 @@ def test_bad_input_leaves_the_old_file(recording, other, tmp_path):
         ([recording], {"follow": "MED:99"}, "follow = MED:99: allowed MED numbers"),
         ([recording], {"start_s": 91.0}, "start = 91 s: allowed 0 to 90 s"),
         ([recording, late], {}, f"seed is 3 and 9: {same}$"),
-        ([recording, another], {}, f"episode is 8 and 2: {same}$"),
+        ([recording, another], {}, f"episode is 9 and 2: {same}$"),
         ([recording] * 3, {}, "3 recordings: allowed 1 or 2"),
     ):
         with pytest.raises(ValueError, match=f"^{says}"):
