@@ -33,7 +33,7 @@ from medjax.commandline import as_path
 from medjax.errors import InputError
 from medjax.files import replacing, write_text
 
-SEED, ENVS = 10, 4
+SEED, ENVS = 14, 4
 PROFILE = {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0}
 ODD = {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
 # By name: preset, decisions, overrides. Together they exercise everything that a decision can do.

@@ -9,6 +9,7 @@ from medjax.charging.booking import unserved
 from medjax.charging.energy import cruising
 from medjax.env.depots import whole_fleet
 from medjax.env.trips import lacks_charge
+from medjax.numerics.sums import block_fma
 from medjax.traffic.arrivals import draw_surges, new_seed
 from medjax.traffic.demand import (
     desired_speeds,
@@ -34,7 +35,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     road_key, soc_key, driver_key, arrivals_key = jax.random.split(key, 4)
     vehicles, origin = _filled(road_key, config, params)
     low, high = demand.arrival_soc_low, demand.arrival_soc_high
-    arrival = jax.random.uniform(soc_key, shape, jnp.float32, minval=low, maxval=high)
+    arrival = low + block_fma(jax.random.uniform(soc_key, shape, jnp.float32) * (high - low))
     luck = jax.random.uniform(driver_key, shape, jnp.float32)
     complies = luck < params.drivers.eco_compliance
     sees = None
@@ -44,7 +45,8 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     speed, power_w = cruising(params)
     x = vehicles.x[config.ev_slots]
     distance = x - origin
-    energy = arrival * params.ev_capacity_j - distance * (power_w / speed)
+    spent = block_fma(distance * (power_w / speed))
+    energy = block_fma(arrival * params.ev_capacity_j) - spent
     stayed = energy > 0.0
     if config.num_exits:
         stayed &= ~_left_before(vehicles, distance, energy, config, params)

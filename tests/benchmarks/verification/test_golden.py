@@ -28,14 +28,15 @@ THRESHOLDS = """
 charging.dock_speed_tolerance charging.dock_tolerance_m charging.hold_tolerance_m charging.patience_s
 charging.reach_ahead_m charging.reach_behind_m charging.request_soc charging.retry_s charging.stop_soc
 charging.taper_soc charging.target_soc charging.tow_s
-demand.ev_share demand.human_share demand.lorry_share demand.period_s demand.start_s
-demand.surge_factor demand.surge_from_s demand.surge_s demand.surge_until_s
-drivers.eco_compliance drivers.eco_horizon_m drivers.eco_soc
+demand.human_share demand.lorry_share demand.period_s demand.start_s demand.surge_factor demand.surge_from_s
+demand.surge_until_s
+drivers.eco_horizon_m drivers.eco_soc
 fleet.depot_power_w fleet.reserve_soc fleet.return_speed fleet.trip_m fleet.turnaround_s
-lane_change.exit_view_m lane_change.mandatory_bias lane_change.right_bias
-lane_change.safe_braking lane_change.urgency_bias
+lane_change.exit_view_m lane_change.mandatory_bias lane_change.politeness lane_change.right_bias
+lane_change.safe_braking lane_change.threshold lane_change.urgency_bias
 motion.lateral_slope motion.max_braking
-incidents.incident_from_s incidents.incident_until_s incidents.incident_from_x_m incidents.incident_until_x_m
+road.exit_notice_m
+incidents.incident_from_s incidents.incident_from_x_m incidents.incident_until_s incidents.incident_until_x_m
 """
 
 
