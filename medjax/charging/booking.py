@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.docking import (
+    ENTRY_ROOM_M,
     Partner,
     approach_time,
     charging_slot_lane,
@@ -146,16 +147,23 @@ def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParam
     # slower, than the MED does not get there.
     faster = jnp.clip(requests.desired_speed - offer.speed, 0.0, params.approach_speed)[:, None]
     slower = jnp.maximum(offer.speed - params.slowest_share * offer.service_speed, 0.0)[:, None]
-    leads = plan.leads & (charging_slot == FRONT)
-    slower = jnp.where(leads, slower, jnp.minimum(slower, params.approach_speed))
+    from_ahead = (charging_slot == FRONT) & (x > slot)
+    in_lane = from_ahead & plan.leads
+    slower = jnp.where(in_lane, slower, jnp.minimum(slower, params.approach_speed))
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     closes = up > 0.0  # at last; whoever crosses the MED's lane falls back before
     seconds = jnp.where(closes, down / jnp.maximum(slower, 1e-3), 0.0)
     way, fastest = jnp.where(closes, up, down), jnp.where(closes, faster, slower)
     seconds += approach_time(way, fastest, params) + LANE_CHANGE_S * jnp.abs(wanted - lane)
-    room = room_ahead(slot, length, med, params)
-    gently = gentle_time(down, room, offer.gentle_rate[:, None], params)
-    seconds = jnp.where(leads, jnp.maximum(seconds, gently), seconds)
+    # In the MED's lane it falls back gently. From the lane beside it changes lanes meanwhile, in the last metres.
+    in_change = jnp.where(from_ahead & ~in_lane, LANE_CHANGE_S, 0.0)
+    last = jnp.clip(ENTRY_ROOM_M - 0.5 * in_change * slower, 0.0, down)
+    last = jnp.where(in_lane, down, last)
+    gently = gentle_time(
+        last, room_ahead(slot, length, med, params), offer.gentle_rate[:, None], params
+    )
+    longer = jnp.maximum(gently - approach_time(last, slower, params), 0.0)
+    seconds += jnp.where(from_ahead, longer - in_change, 0.0)
     # An EV cannot pass the MED in the MED's lane. Nor can it pass, in a side slot's lane, the EV that has booked that
     # slot. It would get stuck behind the other vehicle, or slow that vehicle down when it falls back.
     blocked = (lane == med.lane) & jnp.where(

@@ -184,7 +184,7 @@ def gentle_time(
 
     Args:
       way_m: m, to the slot, at least 0.
-      room_m: `room_ahead` in the slot, m; where there is none, the EV never gets there.
+      room_m: `room_ahead` in the slot, m; where it lacks more than the tolerance, the EV never gets there.
       rate: 1/s, `gentle_rate`; all of one shape.
     """
     # From here on the pace falls faster with the way than with the room.
@@ -194,7 +194,7 @@ def gentle_time(
         jnp.log(jnp.maximum((way_m + room_m) / jnp.maximum(settles_at + room_m, 1e-3), 1.0)) / rate
     )
     seconds = gently + _settling_time(jnp.minimum(way_m, settles_at), params)
-    return jnp.where(room_m > 0.0, seconds, jnp.inf)
+    return jnp.where(room_m > -params.dock_tolerance_m, seconds, jnp.inf)
 
 
 def _settling_time(error_m: jax.Array, params: ChargingParams) -> jax.Array:

@@ -94,14 +94,15 @@ def _left_before(
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
-    """EVs that would have left for a charger at the last exit within distance_m `(E,)` behind them; `(E,)` bool.
+    """EVs that would have left for a charger at the last exit whose deceleration lane they came by; `(E,)` bool.
 
+    distance_m `(E,)` is how far they have driven.
     Past speed is assumed constant, so an EV that lacks charge now already lacked it when that exit was signed.
     """
     x, destination = vehicles.x[config.ev_slots], vehicles.destination[config.ev_slots]
     passed = last_exit(x + params.road.exit_lane_m, params.road)
     lacks = lacks_charge(energy_j, x, destination, passed, config, params)
-    return lacks & (passed > x - distance_m)
+    return lacks & (passed - params.road.exit_lane_m >= x - distance_m)
 
 
 def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> tuple[Vehicles, jax.Array]:

@@ -192,7 +192,9 @@ def fill_road(
     places = jnp.arange(kind.shape[0], dtype=jnp.int32)
     per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)
     jitter = jax.random.uniform(jitter_key, kind.shape, jnp.float32, maxval=0.5)
-    upstream = block_fma((places // num_lanes + jitter) * (1.0 / per_lane))
+    # Rows are slanted: vehicles of neighbouring lanes start beside each other's gaps.
+    row = places // num_lanes + places % num_lanes * (1.0 / num_lanes)
+    upstream = block_fma((row + jitter) * (1.0 / per_lane))
     upstream += jax.random.uniform(begin_key, (), jnp.float32)
     upstream -= jnp.floor(upstream)  # share of all vehicles
     x = place(upstream, sections)
