@@ -33,7 +33,7 @@ demand.surge_until_s
 drivers.eco_horizon_m drivers.eco_soc
 fleet.depot_power_w fleet.reserve_soc fleet.return_speed fleet.trip_m fleet.turnaround_s
 lane_change.exit_view_m lane_change.mandatory_bias lane_change.politeness lane_change.right_bias
-lane_change.safe_braking lane_change.threshold lane_change.urgency_bias
+lane_change.safe_braking lane_change.urgency_bias
 motion.lateral_slope motion.max_braking
 road.exit_notice_m
 incidents.incident_from_s incidents.incident_from_x_m incidents.incident_until_s incidents.incident_until_x_m
