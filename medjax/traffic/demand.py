@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from medjax.numerics.sums import block_fma
 from medjax.traffic.following import FREE_GAP_M, braking_weight, by_kind
@@ -189,11 +190,11 @@ def fill_road(
     active = class_rank < jnp.where(is_ev, evs, gas)
 
     in_place = _shuffled_slots(shuffle_key, active)
-    places = jnp.arange(kind.shape[0], dtype=jnp.int32)
+    places = np.arange(kind.shape[0], dtype=np.int32)
     per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)
     jitter = jax.random.uniform(jitter_key, kind.shape, jnp.float32, maxval=0.5)
     # Rows are slanted: vehicles of neighbouring lanes start beside each other's gaps.
-    row = places // num_lanes + places % num_lanes * (1.0 / num_lanes)
+    row = np.float32(places // num_lanes + places % num_lanes * np.float32(1.0 / num_lanes))
     upstream = block_fma((row + jitter) * (1.0 / per_lane))
     upstream += jax.random.uniform(begin_key, (), jnp.float32)
     upstream -= jnp.floor(upstream)  # share of all vehicles
@@ -202,11 +203,10 @@ def fill_road(
     def ahead(values: jax.Array) -> jax.Array:
         """Values of the vehicle in the next place of the lane; after the last place comes the first."""
         first = jnp.resize(values[:num_lanes], values.shape)
-        return jnp.where(
-            places + num_lanes < evs + gas, jnp.roll(values, -num_lanes, axis=0), first
-        )
+        follows = places + num_lanes < evs + gas
+        return jnp.where(follows, jnp.roll(values, -num_lanes, axis=0), first)
 
-    filled = places < evs + gas
+    filled = jnp.less(places, evs + gas)
     speed = _initial_speeds(x, filled, ahead, kind[in_place], desired_speed[in_place], params)
     of_slot = jnp.zeros_like(places).at[in_place].set(places, unique_indices=True)
     return InitialTraffic(x[of_slot], of_slot % num_lanes, speed[of_slot], active)
@@ -222,9 +222,10 @@ def _drawn_counts(
     """Numbers of EVs and gas vehicles on the road, () each, limited by slots and by room on the road."""
     demand, drivers = params.demand, params.drivers
     slots, num_ev_slots = is_ev.shape[0], jnp.sum(is_ev, dtype=jnp.int32)
-    shares, speed = demand.class_shares, drivers.desired_speed
+    shares = jnp.stack(demand.class_shares)
+    seconds = shares / drivers.desired_speed  # a metre takes, times the kind's share
     gas, evs = (
-        sections.total / 3600.0 * sum(shares[k] / speed[k] for k in kinds)
+        sections.total / 3600.0 * sum(seconds[k] for k in kinds)
         for kinds in (GAS_KINDS, kinds_in(EVS))  # if all vehicles were of this class
     )
     # If EVs and others are equally fast, this gives exactly the total of either and the share of arrivals.
@@ -235,9 +236,8 @@ def _drawn_counts(
     total = expected + jnp.sqrt(expected) * jax.random.normal(keys[0], (), jnp.float32)
     # Whatever the demand, the half of the spacing that jitter leaves must hold more than a standing vehicle.
     # MEDs are not filled in.
-    kinds = jnp.array(kinds_in(EVS, FUELLED))
-    rooms = (drivers.vehicle_length + drivers.min_gap)[kinds]
-    room = jnp.max(jnp.where(jnp.stack(shares)[kinds] > 0.0, rooms, 0.0))
+    rooms = jnp.where(shares > 0.0, drivers.vehicle_length + drivers.min_gap, 0.0)
+    room = jnp.max(rooms[jnp.array(kinds_in(EVS, FUELLED))])
     densest_m = sections.evenness * params.road.length_m
     total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(densest_m / (2.5 * room)))
     spread = jnp.sqrt(total * ev_share * (1.0 - ev_share))

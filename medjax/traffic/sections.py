@@ -42,8 +42,9 @@ def sections_of(demand: DemandParams, road: RoadParams) -> Sections:
 def place(share: jax.Array, sections: Sections) -> jax.Array:
     """Where this share of all vehicles is upstream, m, in 0 to 1 of any shape."""
     x, so_far = jnp.zeros_like(share), block_fma(share * sections.total)
-    for length, before, within in zip(*sections[:3], strict=True):
-        # XLA multiplies by the reciprocal of what environments share; this does so for one environment, too.
-        passed = (so_far - before) * (1.0 / jnp.maximum(within, 1e-6))
+    # XLA multiplies by the reciprocal of what environments share; this does so for one environment, too.
+    per_vehicle = 1.0 / jnp.maximum(sections.within, 1e-6)
+    for length, before, each in zip(sections.length, sections.before, per_vehicle, strict=True):
+        passed = (so_far - before) * each
         x += block_fma(length * jnp.clip(passed, 0.0, 1.0))
     return x
