@@ -46,6 +46,8 @@ def played():
 
     found = play(jax.random.key(0))
     assert not wide((params, found)), wide((params, found))
+    metrics = found[1][-1]
+    assert metrics["ev_received_kwh"][-1] > 0.0
     return [np.asarray(leaf) for leaf in jax.tree.leaves(found)]
 
 

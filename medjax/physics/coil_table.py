@@ -71,7 +71,8 @@ def tabulate_inductance(
       num_axial, num_lateral, num_tilt: points along each axis, at least 2, 4 and 4.
 
     Returns:
-      The table. The default grid takes 252 KiB in float32.
+      The table, in the widest floating type among the numbers that are no grid sizes. The default grid takes 252 KiB in
+      float32.
 
     Raises:
       InputError: a grid size is below its minimum.
@@ -80,8 +81,8 @@ def tabulate_inductance(
     for (name, size), least in zip(sizes.items(), _POINTS, strict=True):
         if size < least:
             raise InputError(f"{name} is {size}, must be at least {least}")
-    nearest, farthest, lateral_limit, tilt_limit = as_floats(
-        min_axial, max_axial, max_lateral, max_tilt
+    nearest, farthest, lateral_limit, tilt_limit, *coils = as_floats(
+        min_axial, max_axial, max_lateral, max_tilt, primary_radius, secondary_radius
     )
     log_nearest, log_farthest = jnp.log(nearest), jnp.log(farthest)
     axial = jnp.exp(jnp.linspace(log_nearest, log_farthest, num_axial))
@@ -89,8 +90,7 @@ def tabulate_inductance(
     tilt = jnp.linspace(-tilt_limit, tilt_limit, num_tilt)
     return InductanceTable(
         values=mutual_inductance(
-            primary_radius,
-            secondary_radius,
+            *coils,
             axial[:, None, None],
             lateral[:, None],
             tilt,

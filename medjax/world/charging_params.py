@@ -250,8 +250,8 @@ def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkPara
       params: all other parameters of the link; None takes the defaults.
     """
     table = tabulate_inductance(
-        design.med_coil_radius_m,
-        design.ev_coil_radius_m,
+        jax.numpy.float32(design.med_coil_radius_m),  # even where JAX's default is wider
+        jax.numpy.float32(design.ev_coil_radius_m),
         primary_turns=design.med_coil_turns,
         secondary_turns=design.ev_coil_turns,
     )
