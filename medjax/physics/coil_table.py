@@ -71,8 +71,7 @@ def tabulate_inductance(
       num_axial, num_lateral, num_tilt: points along each axis, at least 2, 4 and 4.
 
     Returns:
-      The table, in the widest floating type among the numbers that are no grid sizes. The default grid takes 252 KiB in
-      float32.
+      The table, in the widest floating type among all numbers but grid sizes. By default 252 KiB in float32.
 
     Raises:
       InputError: a grid size is below its minimum.
@@ -81,16 +80,18 @@ def tabulate_inductance(
     for (name, size), least in zip(sizes.items(), _POINTS, strict=True):
         if size < least:
             raise InputError(f"{name} is {size}, must be at least {least}")
-    nearest, farthest, lateral_limit, tilt_limit, *coils = as_floats(
-        min_axial, max_axial, max_lateral, max_tilt, primary_radius, secondary_radius
-    )
+    limits = min_axial, max_axial, max_lateral, max_tilt
+    given = primary_radius, secondary_radius, primary_turns, secondary_turns
+    nearest, farthest, lateral_limit, tilt_limit, *coils = as_floats(*limits, *given)
+    primary_radius, secondary_radius, primary_turns, secondary_turns = coils
     log_nearest, log_farthest = jnp.log(nearest), jnp.log(farthest)
     axial = jnp.exp(jnp.linspace(log_nearest, log_farthest, num_axial))
     lateral = jnp.linspace(0.0, lateral_limit, num_lateral)
     tilt = jnp.linspace(-tilt_limit, tilt_limit, num_tilt)
     return InductanceTable(
         values=mutual_inductance(
-            *coils,
+            primary_radius,
+            secondary_radius,
             axial[:, None, None],
             lateral[:, None],
             tilt,

@@ -249,12 +249,9 @@ def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkPara
       design: the coils.
       params: all other parameters of the link; None takes the defaults.
     """
-    table = tabulate_inductance(
-        jax.numpy.float32(design.med_coil_radius_m),  # even where JAX's default is wider
-        jax.numpy.float32(design.ev_coil_radius_m),
-        primary_turns=design.med_coil_turns,
-        secondary_turns=design.ev_coil_turns,
-    )
+    # Even where JAX's default float is wider; in the order of the fields.
+    med_m, ev_m, med_turns, ev_turns = map(jax.numpy.float32, vars(design).values())
+    table = tabulate_inductance(med_m, ev_m, primary_turns=med_turns, secondary_turns=ev_turns)
     return (params or LinkParams()).replace(inductance=table)
 
 
