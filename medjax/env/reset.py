@@ -45,7 +45,9 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     speed, power_w = cruising(params)
     x = vehicles.x[config.ev_slots]
     distance = x - origin
-    spent = block_fma(distance * (power_w / speed))
+    # Downhill, driving may gain. The bound separates product and sum as `block_fma` does, and cuts only what exceeds a
+    # full battery.
+    spent = jnp.maximum(distance * (power_w / speed), -params.ev_capacity_j)
     energy = block_fma(arrival * params.ev_capacity_j) - spent
     stayed = energy > 0.0
     if config.num_exits:

@@ -78,21 +78,26 @@ def test_as_many_leave_a_minute_after_a_reset_as_later(flow):
     )  # nearly three standard errors
 
 
-def test_an_ev_has_paid_for_the_way_from_where_it_entered():
-    """All arrive full, so their energy tells where each entered: at x = 0 or at a ramp, as often as the flows say."""
+@pytest.mark.parametrize(("slope", "arrival"), [(0.0, 1.0), (-0.06, 0.3)])
+def test_an_ev_has_paid_for_the_way_from_where_it_entered(slope, arrival):
+    """All arrive with the same charge, so their energy tells where each entered: at x = 0 or at a ramp, as often as
+    the flows say. Steeply downhill, they have gained on the way.
+    """
     ramps, flows = np.array([100.0, 1200.0, 2100.0]), np.array([1500.0, 300.0, 600.0, 200.0])
     demand = {"mainline_per_h": flows[0], "ramp_per_h": flows[1:], "ev_share": 1.0}
-    demand |= {"arrival_soc_low": 1.0, "arrival_soc_high": 1.0}
-    env, params = medjax.make("paper", ramp_x_m=ramps, **demand)
+    demand |= {"arrival_soc_low": arrival, "arrival_soc_high": arrival}
+    env, params = medjax.make("paper", ramp_x_m=ramps, slope=slope, **demand)
     reset = jax.jit(jax.vmap(lambda key: env.reset(key, params)[1]))
     state = jax.device_get(reset(jax.random.split(jax.random.key(0), 1000)))
     there = state.vehicles.active[:, env.config.ev_slots]
     x = state.vehicles.x[:, env.config.ev_slots][there]
     body, speed = params.ev, float(params.drivers.desired_speed[2])
-    force = float(body.mass_kg * 9.81 * body.rolling_resistance)
+    force = float(body.mass_kg * 9.81 * (body.rolling_resistance + np.sin(slope)))
     force += 0.5 * 1.2 * float(body.drag_coefficient * body.frontal_area_m2) * speed**2
-    j_per_m = force / float(body.drivetrain_efficiency) + float(body.auxiliary_w) / speed
-    spent = float(params.ev_capacity_j) - state.evs.energy_j[there].astype(np.float64)
+    drivetrain, brakes = float(body.drivetrain_efficiency), float(body.regeneration_efficiency)
+    j_per_m = force / drivetrain if force > 0.0 else force * brakes
+    j_per_m += float(body.auxiliary_w) / speed
+    spent = arrival * float(params.ev_capacity_j) - state.evs.energy_j[there].astype(np.float64)
     entry = x - spent / j_per_m
     places = np.array([0.0, *ramps])
     nearest = np.argmin(np.abs(entry[:, None] - places), axis=1)
