@@ -10,16 +10,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.charging.approach_time import LANE_CHANGE_S, approach_time, gentle_delay
 from medjax.charging.docking import (
-    ENTRY_ROOM_M,
     Partner,
-    approach_time,
     charging_slot_lane,
     charging_slot_x,
     gentle_rate,
-    gentle_time,
     plan_approach,
-    room_ahead,
     slots_on_road,
 )
 from medjax.charging.energy import cruising
@@ -44,8 +41,6 @@ from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, EVs, MEDs, Vehi
 FAR = 1.0e9
 __getattr__ = former_names(__name__, panel_flags="charging_slot_flags")
 
-# Approximate duration of a lane change, for the choice of a charging slot.
-LANE_CHANGE_S = 4.0
 # An EV docks in time if the MED then still has at least this long to charge it.
 WORTHWHILE_S = 10.0
 
@@ -53,10 +48,13 @@ WORTHWHILE_S = 10.0
 def charging_slot_flags(
     med: jax.Array, charging_slot: jax.Array, flag: jax.Array, num_meds: int
 ) -> jax.Array:
-    """Maps EVs' flags `(E,)`, such as booked or charging, to the MEDs' slots, `(num_meds, 4)` bool."""
+    """Maps EVs' flags `(E,)`, such as booked or charging, to the MEDs' slots, `(num_meds, 4)`.
+
+    A slot that no EV has booked gets False, or 0 if the flags are whole numbers.
+    """
     slots = num_meds * len(CHARGING_SLOTS)
-    where = jnp.where(flag & (med != NOT_BOOKED), med * len(CHARGING_SLOTS) + charging_slot, slots)
-    flags = jnp.zeros((slots,), bool).at[where].set(True, mode="drop")
+    where = jnp.where(med != NOT_BOOKED, med * len(CHARGING_SLOTS) + charging_slot, slots)
+    flags = jnp.zeros((slots,), flag.dtype).at[where].set(flag, mode="drop")
     return flags.reshape(num_meds, len(CHARGING_SLOTS))
 
 
@@ -136,34 +134,28 @@ def _first_minimum(values: jax.Array) -> tuple[jax.Array, jax.Array]:
 def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParams) -> jax.Array:
     """Time for each EV to reach each slot of its nearest MED, `(E, 4)` s; FAR if it cannot reach the slot."""
     charging_slot = jnp.arange(len(CHARGING_SLOTS), dtype=jnp.int32)
-    med = Partner(*(field[:, None] for field in (offer.x, offer.speed, offer.lane, offer.length)))
+    its_med = Partner(offer.x, offer.speed, offer.lane, offer.length)
+    med = Partner(*(field[:, None] for field in its_med))
     x, lane, length = (field[:, None] for field in (requests.x, requests.lane, requests.length))
     slot = charging_slot_x(charging_slot, med, length, params.dock_gap_m)
     wanted = charging_slot_lane(charging_slot, med.lane)
-    plan = plan_approach(x, lane, length, charging_slot, med, params)
-    goal = plan.goal_x
+    goal = plan_approach(x, lane, length, charging_slot, med, params).goal_x
     # An EV closes up at its desired speed and falls back at the slowest pace that docking gives it, either way at most
     # at the approach speed; ahead of the MED in its lane, as fast as the MED lets it. Who is no faster, or cannot be
     # slower, than the MED does not get there.
     faster = jnp.clip(requests.desired_speed - offer.speed, 0.0, params.approach_speed)[:, None]
-    slower = jnp.maximum(offer.speed - params.slowest_share * offer.service_speed, 0.0)[:, None]
-    from_ahead = (charging_slot == FRONT) & (x > slot)
-    in_lane = from_ahead & plan.leads
-    slower = jnp.where(in_lane, slower, jnp.minimum(slower, params.approach_speed))
+    falls_back = jnp.maximum(offer.speed - params.slowest_share * offer.service_speed, 0.0)
+    in_lane = (charging_slot == FRONT) & (lane == med.lane) & (x > slot)
+    most_back = jnp.where(in_lane, jnp.inf, params.approach_speed)
+    slower = jnp.minimum(falls_back[:, None], most_back)
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     closes = up > 0.0  # at last; whoever crosses the MED's lane falls back before
     seconds = jnp.where(closes, down / jnp.maximum(slower, 1e-3), 0.0)
     way, fastest = jnp.where(closes, up, down), jnp.where(closes, faster, slower)
     seconds += approach_time(way, fastest, params) + LANE_CHANGE_S * jnp.abs(wanted - lane)
-    # In the MED's lane it falls back gently. From the lane beside it changes lanes meanwhile, in the last metres.
-    in_change = jnp.where(from_ahead & ~in_lane, LANE_CHANGE_S, 0.0)
-    last = jnp.clip(ENTRY_ROOM_M - 0.5 * in_change * slower, 0.0, down)
-    last = jnp.where(in_lane, down, last)
-    gently = gentle_time(
-        last, room_ahead(slot, length, med, params), offer.gentle_rate[:, None], params
-    )
-    longer = jnp.maximum(gently - approach_time(last, slower, params), 0.0)
-    seconds += jnp.where(from_ahead, longer - in_change, 0.0)
+    ev = requests.x, requests.lane, requests.length
+    delay = gentle_delay(*ev, its_med, falls_back, offer.gentle_rate, params)
+    seconds += jnp.where(charging_slot == FRONT, delay[:, None], 0.0)
     # An EV cannot pass the MED in the MED's lane. Nor can it pass, in a side slot's lane, the EV that has booked that
     # slot. It would get stuck behind the other vehicle, or slow that vehicle down when it falls back.
     blocked = (lane == med.lane) & jnp.where(

@@ -161,49 +161,6 @@ def gentle_rate(med_speed: jax.Array, drivers: DriverParams) -> jax.Array:
     return 1.5 * comfort / jnp.maximum(med_speed, 1.0)
 
 
-def approach_time(way_m: jax.Array, fastest: jax.Array, params: ChargingParams) -> jax.Array:
-    """Time in which an EV comes within `dock_tolerance_m` of its slot, s.
-
-    It drives at its highest speed until its pace falls with the way that is left. From there on the error decays as the
-    slower solution of the equation in `docking_acceleration`.
-
-    Args:
-      way_m: m, at least 0.
-      fastest: m/s, highest speed relative to the MED; same shape.
-    """
-    tolerance = params.dock_tolerance_m
-    slows_at = jnp.maximum(fastest / params.approach_rate, tolerance)
-    steady = jnp.maximum(way_m - slows_at, 0.0) / jnp.maximum(fastest, 1e-3)
-    return steady + _settling_time(jnp.minimum(way_m, slows_at), params)
-
-
-def gentle_time(
-    way_m: jax.Array, room_m: jax.Array, rate: jax.Array, params: ChargingParams
-) -> jax.Array:
-    """Time in which an EV ahead of a MED in its lane falls back to the front slot, s, by `gentle_rate` alone.
-
-    Args:
-      way_m: m, to the slot, at least 0.
-      room_m: `room_ahead` in the slot, m; where it lacks more than the tolerance, the EV never gets there.
-      rate: 1/s, `gentle_rate`; all of one shape.
-    """
-    # From here on the pace falls faster with the way than with the room.
-    settles_at = room_m * rate / jnp.maximum(params.approach_rate - rate, 1e-3)
-    settles_at = jnp.maximum(settles_at, params.dock_tolerance_m)
-    gently = (
-        jnp.log(jnp.maximum((way_m + room_m) / jnp.maximum(settles_at + room_m, 1e-3), 1.0)) / rate
-    )
-    seconds = gently + _settling_time(jnp.minimum(way_m, settles_at), params)
-    return jnp.where(room_m > -params.dock_tolerance_m, seconds, jnp.inf)
-
-
-def _settling_time(error_m: jax.Array, params: ChargingParams) -> jax.Array:
-    """Time in which an error decays to `dock_tolerance_m`, s."""
-    damping = jnp.maximum(1.0 - 4.0 * params.approach_rate / params.speed_rate, 0.0)
-    decay = 0.5 * params.speed_rate * (1.0 - jnp.sqrt(damping))
-    return jnp.log(jnp.maximum(error_m / params.dock_tolerance_m, 1.0)) / decay
-
-
 def docking_acceleration(
     speed: jax.Array, pace: jax.Array, comfortable_deceleration: jax.Array, params: ChargingParams
 ) -> jax.Array:

@@ -82,8 +82,10 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
         scale_by(vehicles.lateral_speed, lane_m),
     ]
     rows = jnp.where(vehicles.active[:, None], jnp.stack(motion, axis=-1), 0.0)
-    booked = charging_slot_flags(evs.med, evs.charging_slot, evs.med != NOT_BOOKED, config.num_meds)
-    charging = charging_slot_flags(evs.med, evs.charging_slot, evs.is_charging, config.num_meds)
+    # One write for both flags: 2 for a slot that charges.
+    taken = 1 + evs.is_charging.astype(jnp.int8)
+    taken = charging_slot_flags(evs.med, evs.charging_slot, taken, config.num_meds)
+    booked, charging = taken > 0, taken > 1
     soc, serves = scale_by(meds.energy_j, params.med_capacity_j), meds.status == IN_SERVICE
     of_meds = [rows[config.med_slots], soc[:, None], serves[:, None], booked, charging]
     med_rows = jnp.concatenate(of_meds, axis=-1, dtype=jnp.float32)
