@@ -1,6 +1,7 @@
 """The documentation site builds without warnings, broken links or anything from the network."""
 
 import json
+import pkgutil
 import re
 import subprocess
 import sys
@@ -208,3 +209,15 @@ def test_every_picture_is_shown():
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
     pictures = {path.name for path in (ROOT / "docs/images").iterdir()}
     assert not [name for name in pictures if f"images/{name}" not in text]
+
+
+def test_every_listed_member_exists():
+    """The site leaves out a member that does not exist, without a word."""
+    listed = []
+    for page in sorted((ROOT / "docs" / "api").glob("*.md")):
+        for block in re.split(r"^::: ", page.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
+            documented = pkgutil.resolve_name(block.split()[0])
+            for names in re.findall(r"members:( \[.*?\]|(?:\n +- \w+)+)", block):
+                listed += [(page.name, documented, name) for name in re.findall(r"\w+", names)]
+    assert len(listed) > 50
+    assert [f"{page}: {name}" for page, where, name in listed if not hasattr(where, name)] == []
