@@ -44,11 +44,11 @@ def gentle_delay(
     gentle_rate: jax.Array,
     params: ChargingParams,
 ) -> jax.Array:
-    """What EVs need beyond `approach_time` and lane changes to fall back to the front slot, s; 0 if they are behind it.
+    """What EVs ahead need beyond `approach_time` and lane changes to fall back to the front slot, s; 0 for EVs behind.
 
-    In the MED's lane an EV falls back so gently that the MED keeps its speed. From the lane beside it does so only in
-    the last metres, while it changes lanes. If the slot lacks more room ahead of the MED (`room_ahead`) than the
-    tolerance, the EV never gets there, and the delay is infinite.
+    An EV in the MED's lane falls back so gently that the MED keeps its speed. An EV in the lane beside falls back
+    gently only in the last metres, while it changes lanes, so its delay may be negative. If `room_ahead` in the slot is
+    below minus the tolerance, an EV never gets there, and the delay is infinite.
 
     Args:
       x, lane, ev_length: of the EVs, equal shapes; med: their MEDs.
@@ -68,14 +68,17 @@ def gentle_delay(
     settles_at = jnp.maximum(settles_at, params.dock_tolerance_m)
     share = (last + room_m) / jnp.maximum(settles_at + room_m, 1e-3)
     gently = jnp.log(jnp.maximum(share, 1.0)) / gentle_rate
-    # Either way ends as the error decays, so what differs is the time from one error to the other.
+    # Both ways end with the same decay. They differ in the error from which it starts.
     gently += _settling_time(jnp.minimum(last, settles_at), error_m, params)
     gently = jnp.where(room_m > -params.dock_tolerance_m, gently, jnp.inf)
     return jnp.where(down > 0.0, jnp.maximum(gently - steady, 0.0) - in_change, 0.0)
 
 
 def _settling_time(from_m: jax.Array, to_m: jax.Array | float, params: ChargingParams) -> jax.Array:
-    """Time in which an error decays from one size to another, m, s; both count as `dock_tolerance_m` at least."""
+    """Time in which an error decays from `from_m` to `to_m`, s; negative if it would grow.
+
+    Both errors are in m and count as `dock_tolerance_m` at least.
+    """
     damping = jnp.maximum(1.0 - 4.0 * params.approach_rate / params.speed_rate, 0.0)
     decay = 0.5 * params.speed_rate * (1.0 - jnp.sqrt(damping))
     tolerance = params.dock_tolerance_m

@@ -50,7 +50,7 @@ def charging_slot_flags(
 ) -> jax.Array:
     """Maps EVs' flags `(E,)`, such as booked or charging, to the MEDs' slots, `(num_meds, 4)`.
 
-    A slot that no EV has booked gets False, or 0 if the flags are whole numbers.
+    A slot that no EV has booked gets False, or 0 if the flags are whole numbers. No two EVs book the same slot.
     """
     slots = num_meds * len(CHARGING_SLOTS)
     where = jnp.where(med != NOT_BOOKED, med * len(CHARGING_SLOTS) + charging_slot, slots)

@@ -82,7 +82,7 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
         scale_by(vehicles.lateral_speed, lane_m),
     ]
     rows = jnp.where(vehicles.active[:, None], jnp.stack(motion, axis=-1), 0.0)
-    # One write for both flags: 2 for a slot that charges.
+    # One write for both flags: 1 for a booked slot, 2 for one whose EV charges.
     taken = 1 + evs.is_charging.astype(jnp.int8)
     taken = charging_slot_flags(evs.med, evs.charging_slot, taken, config.num_meds)
     booked, charging = taken > 0, taken > 1

@@ -117,3 +117,13 @@ def test_a_state_that_was_made_outside_jit_can_be_donated():
     assert len({*where}) == len(where) > 50
     later = jax.jit(lambda state: state.replace(time=state.time + 1), donate_argnums=0)(state)
     assert int(later.time) == 1
+
+
+def test_full_evs_stay_full_downhill():
+    """What driving gains beyond a full battery is lost."""
+    full = {"arrival_soc_low": 1.0, "arrival_soc_high": 1.0}
+    env, params = medjax.make("paper", slope=-0.06, **full)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
+    there = state.vehicles.active[env.config.ev_slots]
+    assert there.sum() > 5
+    assert (state.evs.energy_j[there] == params.ev_capacity_j).all()
