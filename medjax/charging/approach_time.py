@@ -40,7 +40,7 @@ def gentle_delay(
     lane: jax.Array,
     ev_length: jax.Array,
     med: Partner,
-    falls_back: jax.Array,
+    fastest: jax.Array,
     gentle_rate: jax.Array,
     params: ChargingParams,
 ) -> jax.Array:
@@ -52,14 +52,13 @@ def gentle_delay(
 
     Args:
       x, lane, ev_length: of the EVs, equal shapes; med: their MEDs.
-      falls_back: m/s, their highest speed of falling back in the MED's lane.
+      fastest: m/s, their highest speed of falling back to this slot.
       gentle_rate: 1/s, see `medjax.charging.docking.gentle_rate`; both of the EVs' shape.
     """
     slot = charging_slot_x(jnp.int32(FRONT), med, ev_length, params.dock_gap_m)
     down, in_lane = x - slot, lane == med.lane
-    fastest = jnp.minimum(falls_back, jnp.where(in_lane, jnp.inf, params.approach_speed))
     in_change = jnp.where(in_lane, 0.0, LANE_CHANGE_S)
-    beside = jnp.clip(ENTRY_ROOM_M - 0.5 * in_change * fastest, 0.0, down)
+    beside = jnp.clip(ENTRY_ROOM_M - 0.5 * LANE_CHANGE_S * fastest, 0.0, down)
     last = jnp.where(in_lane, down, beside)
     steady, error_m = _steady_part(last, fastest, params)
     room_m = room_ahead(slot, ev_length, med, params)

@@ -144,17 +144,16 @@ def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParam
     # at the approach speed; ahead of the MED in its lane, as fast as the MED lets it. Who is no faster, or cannot be
     # slower, than the MED does not get there.
     faster = jnp.clip(requests.desired_speed - offer.speed, 0.0, params.approach_speed)[:, None]
-    falls_back = jnp.maximum(offer.speed - params.slowest_share * offer.service_speed, 0.0)
+    slower = jnp.maximum(offer.speed - params.slowest_share * offer.service_speed, 0.0)[:, None]
     in_lane = (charging_slot == FRONT) & (lane == med.lane) & (x > slot)
-    most_back = jnp.where(in_lane, jnp.inf, params.approach_speed)
-    slower = jnp.minimum(falls_back[:, None], most_back)
+    slower = jnp.where(in_lane, slower, jnp.minimum(slower, params.approach_speed))
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     closes = up > 0.0  # at last; whoever crosses the MED's lane falls back before
     seconds = jnp.where(closes, down / jnp.maximum(slower, 1e-3), 0.0)
     way, fastest = jnp.where(closes, up, down), jnp.where(closes, faster, slower)
     seconds += approach_time(way, fastest, params) + LANE_CHANGE_S * jnp.abs(wanted - lane)
     ev = requests.x, requests.lane, requests.length
-    delay = gentle_delay(*ev, its_med, falls_back, offer.gentle_rate, params)
+    delay = gentle_delay(*ev, its_med, slower[:, FRONT], offer.gentle_rate, params)
     seconds += jnp.where(charging_slot == FRONT, delay[:, None], 0.0)
     # An EV cannot pass the MED in the MED's lane. Nor can it pass, in a side slot's lane, the EV that has booked that
     # slot. It would get stuck behind the other vehicle, or slow that vehicle down when it falls back.

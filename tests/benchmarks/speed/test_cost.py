@@ -17,8 +17,8 @@ from medjax.numerics.rows import CACHED_ROWS
 from tests.benchmarks.refusal import refused
 from tests.documented import ROOT
 
-# A decision of 128 environments of the paper's preset on a CPU, with JAX 0.10.2: 2,458 launches and 231.1 MB; one of
-# 65,536 on an H100: 350 and 30,693 MB.
+# A decision of 128 environments of the paper's preset on a CPU, with JAX 0.10.2: 2,460 launches and 231.8 MB; one of
+# 65,536 on an H100: 351 and 30,919 MB.
 MOST_LAUNCHES, MOST_BYTES = 2_460, 235_000_000
 MOST_ON_H100 = {"launches": 357, "bytes": 31_000_000_000}
 REMEDY = (
